@@ -85,6 +85,31 @@ def test_a_short_plan_is_the_best_of_all_schedules_and_its_bounds_are_below(soc:
     assert plan.bound <= cost_kwh(system, state, schedules, goals, "start").min()
 
 
+@pytest.mark.parametrize(
+    ("n_strings", "soc", "demand_kw"),
+    [
+        (2, 0.5, [184.0]),  # all inverters at nominal power, between two nodes of the grid
+        (1, 0.157, [-73.6] * 6 + [-9.1]),  # a request below the first node
+        (1, 0.5, [73.6, 0.5]),
+        (4, 0.5, [368.0, -300.0, 3.0]),
+    ],
+)
+def test_the_search_bound_knows_requests_between_the_nodes_of_its_grid(
+    n_strings: int, soc: float, demand_kw: list[float]
+) -> None:
+    system = bess.System.reference(n_strings)
+    plan = bess.plan_power(system, bess.State([soc] * n_strings, [25.0] * n_strings), demand_kw)
+    assert 0.95 * plan.cost < plan.search_bound < 1.01 * plan.cost
+
+
+@pytest.mark.parametrize("demand_kw", [-184.0, -180.0, -120.0, 184.0, 0.0])
+def test_a_plan_has_no_bound_above_its_cost(demand_kw: float) -> None:
+    """Strings that charge at full power take up more in the model of plans than in that of the bound."""
+    plan = bess.plan_power(bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0]), [demand_kw] * 8)
+    assert not plan.bound > plan.cost
+    assert np.isnan(plan.bound) == (demand_kw < -150.0)
+
+
 def test_a_day_at_rated_demand_is_planned_to_three_per_cent() -> None:
     for n_strings in (2, 4):
         demand_kw = TWO_CYCLES_KW * n_strings / 2
@@ -121,14 +146,6 @@ def test_the_search_bound_of_a_low_demand_is_near_the_optimum(n_steps: int, dt_h
     system, state = bess.System.reference(1), bess.State([0.5], [25.0])
     plan = bess.plan_power(system, state, [6.0] * n_steps, ENERGY, dt_h)
     assert plan.cost * 0.99 <= plan.search_bound <= plan.cost * 1.07
-
-
-@pytest.mark.parametrize(("soc", "dt_h"), [(0.02, 1.0), (0.0, 0.25), (0.2, 1.0)])
-def test_a_bound_above_the_cost_in_the_other_form_of_the_model_is_no_gap(soc: float, dt_h: float) -> None:
-    """The bound takes the coefficients of the start of each step, the cost those of the middle."""
-    plan = bess.plan_power(bess.System.reference(1), bess.State([soc], [25.0]), [-80.0] * 2, ENERGY, dt_h)
-    assert plan.bound > plan.cost
-    assert np.isnan(plan.gap)
 
 
 def test_a_negative_cost_has_no_relative_gap() -> None:

@@ -44,9 +44,13 @@ def test_store_value(name):
 def test_splits_plans_and_roll_outs():
     with pytest.raises(bess.InputError, match=r"objectives must be bess\.Objectives, not str"):
         bess.plan_power(SYSTEM, STATE, [50.0], objectives="energy")
-    with pytest.raises(bess.InputError, match="demand_kw is a single value"):
-        bess.plan_power(SYSTEM, STATE, 50.0)
     for function in (bess.plan_power, bess.split_power):
+        for demand_kw in (50.0, [], [[50.0, 60.0]]):
+            with pytest.raises(bess.InputError, match=r"demand_kw has shape .* give one value for each step"):
+                function(SYSTEM, STATE, demand_kw)
+        for demand_kw in (None, [[50.0], [60.0, 70.0]]):
+            with pytest.raises(bess.InputError, match="demand_kw must be an array of numbers"):
+                function(SYSTEM, STATE, demand_kw)
         with pytest.raises(bess.InputError, match=r"dt_h .* must be a number in"):
             function(SYSTEM, STATE, [50.0], dt_h=np.timedelta64(15, "m"))
     with pytest.raises(bess.InputError, match=r"system must be a bess\.System, not str"):

@@ -15,6 +15,7 @@ from bess.control.planning.groups import MAX_BOUNDED_KINDS, groups_of, kinds_of
 from bess.control.planning.prices import PlanPrices
 from bess.control.planning.proven_bound import proven_bound
 from bess.control.split.problem import SplitProblem, check_horizon
+from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.system import State, System
 
@@ -50,8 +51,8 @@ FORECAST_ERROR_DISCOUNT_TIME_H = 5.0
 """Time constant of the additional discount on undelivered energy at a forecast error of 1 [h]."""
 FORECAST_ERROR_FIRST_STEP_WEIGHT = 1.0
 """Increase of :data:`FIRST_STEP_WEIGHT` at a forecast error of 1."""
-ROUNDING = 1e-9
-"""Relative difference of a cost and its bound that is due to rounding."""
+_ROUNDING = 1e-9
+"""Relative rounding of a cost."""
 MAX_STEPS = 48 * 60
 """Maximum number of steps of a plan: two days of one-minute steps."""
 
@@ -77,7 +78,8 @@ class Plan(ByValue):
         Proven lower bound of the cost of every schedule, without starts, on the control model with the
         coefficients of the start of each step (``model="start"`` of :func:`bess.rollout`), while ``cost`` has
         those of its middle. It is the larger of the dual bound and the sum of the minimum costs of single
-        steps (of strings that are planned one by one). NaN if not computed.
+        steps (of strings that are planned one by one). NaN if not computed, or if it is above ``cost``:
+        strings near empty, steps of an hour, or strings that charge at full power.
     search_bound : float
         Dual bound on a grid, an estimate. NaN if not computed.
     """
@@ -92,20 +94,15 @@ class Plan(ByValue):
 
     @property
     def gap(self) -> float:
-        """Share of the cost above :attr:`bound`, including the difference of both forms of the model.
-
-        NaN if the bound is above the cost: the forms then differ by more than the gap (strings near empty,
-        steps of an hour).
-        """
-        gap = self._share_above(self.bound)
-        return gap if gap >= -ROUNDING else np.nan
+        """Share of the cost above :attr:`bound`, including the difference of both forms of the model."""
+        return self._share_above(self.bound)
 
     @property
     def search_gap(self) -> float:
         """Optimality gap estimated with :attr:`search_bound`, as a share of the cost.
 
-        The grid can raise the search bound by about 0.5 % of the cost, and by more over few steps or at a
-        demand below a tenth of the power; negative gaps are reported as 0.
+        The grid can raise the search bound, seldom by more than 0.5 % of the cost (docs/foresight.md);
+        negative gaps are reported as 0.
         """
         return float(np.maximum(self._share_above(self.search_bound), 0.0))
 
@@ -114,6 +111,18 @@ class Plan(ByValue):
         if self.cost > 0.0:
             return (self.cost - bound) / self.cost
         return 0.0 if self.cost == bound else np.nan
+
+    def _facts(self) -> dict[str, str]:
+        return {
+            "set-points now": few(self.request_kw[:, 0], ".3g", "kW"),
+            "steps": str(self.request_kw.shape[1]),
+            "cost": f"{self.cost:.4g}, of the cheapest rule {self.rule_cost:.4g}",
+            "search gap": f"{100.0 * self.search_gap:.2g} %",
+            "gap": f"{100.0 * self.gap:.2g} %",
+        }
+
+    __repr__ = one_line
+    _repr_html_ = as_table
 
 
 class Planner(Checkpointed):
@@ -274,6 +283,8 @@ class Planner(Checkpointed):
         if plan.search_bound is not None and groups is None:
             # Its computing time grows with the number of strings, identical or not.
             proven = float(np.fmax(proven, proven_bound(problem, loss_prices.min(axis=0))))
+        if proven > plan.cost * (1.0 + _ROUNDING):
+            proven = np.nan
         return Plan(
             plan.request_kw,
             plan.cost,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from bess.control.planning.planner import Plan, Planner
 from bess.control.planning.prices import PlanPrices
 from bess.control.split.objectives import Objectives
+from bess.control.split.problem import demand_of_steps
 from bess.errors import InputError
 from bess.system import State, System
 
@@ -87,14 +87,13 @@ def plan_power(
     goals = Objectives.energy() if objectives is None else objectives
     if not isinstance(goals, Objectives):
         raise InputError(f"objectives must be bess.Objectives, not {type(goals).__name__}")
-    if np.ndim(demand_kw) == 0:
-        raise InputError("demand_kw is a single value; give one for each step, such as [78.0] * 96")
     if goals.kind != "energy" or len(goals.groups) > 1:
         raise InputError(
             f'objectives of kind "{goals.kind}" with {len(goals.groups)} priorities: plan_power minimises '
             "one sum in kWh; use bess.Objectives.energy(), or bess.split_power for priorities"
         )
-    n_steps = np.size(demand_kw)
+    demand = demand_of_steps(demand_kw)
+    n_steps = demand.size
     planner = planner_of_known_demand(system, n_steps, dt_h)
     prices = PlanPrices.energy(goals, system.n_strings, n_steps)
-    return planner(state, demand_kw, prices, ambient_c=ambient_c, limit_kw=limit_kw)
+    return planner(state, demand, prices, ambient_c=ambient_c, limit_kw=limit_kw)

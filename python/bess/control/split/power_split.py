@@ -19,7 +19,7 @@ from bess.control.split.bounds import Certificate
 from bess.control.split.carried import Carried
 from bess.control.split.normalisation import constant_scale, payoff_scale
 from bess.control.split.objectives import Objectives
-from bess.control.split.problem import SplitProblem, check_horizon
+from bess.control.split.problem import SplitProblem, check_horizon, demand_of_steps
 from bess.control.split.relaxation.data import PlantConstants
 from bess.control.split.result import Split, SplitStatus
 from bess.control.split.rollout import Rollout
@@ -244,11 +244,7 @@ def split_power(
     .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
        for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
-    demand = finite_array("demand_kw", demand_kw)
-    if demand.ndim != 1 or demand.size == 0:
-        raise InputError(
-            f"demand_kw has shape {demand.shape}; give one value for each step, and at least one step"
-        )
+    demand = demand_of_steps(demand_kw)
     return PowerSplit(system, demand.size, objectives, dt_h, gap, time_limit_s, node_limit)(state, demand)
 
 

@@ -103,6 +103,22 @@ class SplitProblem:
         )
 
 
+def demand_of_steps(demand_kw: ArrayLike) -> Array:
+    """Return a demand of at least one step, ``(n_steps,)`` [kW].
+
+    Raises
+    ------
+    InputError
+        It has another shape, no step, or values that are not finite numbers.
+    """
+    demand = finite_array("demand_kw", demand_kw)
+    if demand.ndim != 1 or demand.size == 0:
+        raise InputError(
+            f"demand_kw has shape {demand.shape}; give one value for each step, such as [78.0] * 96"
+        )
+    return demand
+
+
 def check_horizon(
     system: System, horizon_steps: int, dt_h: float, max_steps: int = MAX_HORIZON_STEPS
 ) -> None:

@@ -49,7 +49,7 @@ pub(crate) struct Dual {
 /// Four successive temperature nodes and their weights (cubic convolution; linear at the ends).
 type Stencil = (usize, [f64; 4]);
 
-/// Moves of a string from every node, in one direction; arrays `(steps of SOC, soc, n_temperature)`, from none on.
+/// Moves of a string from every node, in one direction; arrays `(steps of SOC, soc, n_temperature)`.
 #[derive(Default)]
 struct Moves {
     request_w: Vec<f64>,
@@ -89,16 +89,15 @@ impl Grid {
         grid
     }
 
-    /// All moves to SOC nodes: request and losses with the mean voltage and resistance of the move. Infeasible moves have an
-    /// infinite request. Moves whose internal power is below the no-load loss have a request below 0, straight on from the
-    /// table: requests between it and that of the next move exist.
+    /// All moves to other SOC nodes: request and losses with the mean voltage and resistance of the move. Infeasible
+    /// moves have an infinite request. The first move from each node above nominal power is kept: between it and the one
+    /// before lies nominal power.
     fn moves(&self, string: &StringModel, direction: Direction, dt_h: f64) -> Moves {
         let p = &string.parameters;
         let curve = string.loss(direction);
-        let highest = curve.at(string.nominal_w()).1;
-        let no_load_w = curve.internal_w(0.0, curve.at(0.0).0);
+        let highest_w = curve.at(string.nominal_w()).1;
         let mut out = Moves::default();
-        for k in 0.. {
+        for k in 1.. {
             let current_a = self.soc.step * k as f64 * p.capacity_ah / dt_h;
             let mut any = false;
             for (i, j) in (0..self.soc.len).flat_map(|i| (0..TEMPERATURE_NODES).map(move |j| (i, j))) {
@@ -120,19 +119,17 @@ impl Grid {
                     let internal_w = volt * current_a - direction.sign() * heat_w;
                     let has_root = direction == Direction::Charge || 2.0 * ohm * current_a <= volt;
                     let allowed = p.voltage_allows(direction, volt, ohm * current_a);
-                    if has_root && allowed && internal_w <= highest && middle.derating > 0.0 {
-                        let power_w = match internal_w - no_load_w {
-                            below_w if below_w < 0.0 => below_w,
-                            _ => curve.largest_power(internal_w),
-                        };
-                        let asked_w = power_w / middle.derating;
-                        if asked_w <= string.nominal_w() * (1.0 + 1e-9) {
-                            any = true;
+                    if has_root && allowed && middle.derating > 0.0 {
+                        // Above nominal power at its loss.
+                        let power_w = curve.largest_power(internal_w) + (internal_w - highest_w).max(0.0);
+                        if power_w > 0.0 {
+                            let asked_w = power_w / middle.derating;
+                            any |= asked_w <= string.nominal_w();
                             request_w = asked_w;
                             losses = Losses {
                                 availability: 0.0,
                                 derating: asked_w - power_w,
-                                inverter: curve.at(power_w.max(0.0)).0,
+                                inverter: curve.at(power_w).0,
                                 battery: heat_w,
                             };
                         }
@@ -225,7 +222,7 @@ impl<'a> StringValues<'a> {
         // End temperatures and costs of moves in each direction, shared by identical steps.
         let mut led: [Option<(usize, Vec<Stencil>)>; 2] = [None, None];
         let mut priced: [Option<(usize, Vec<f64>)>; 2] = [None, None];
-        let mut above = vec![f64::INFINITY; size];
+        let mut above = vec![0.0; size];
         for t in (0..n_steps).rev() {
             let interval = &problem.intervals[t];
             let (which, moves) = interval.direction.pick((0, &grid.charge), (1, &grid.discharge));
@@ -247,38 +244,45 @@ impl<'a> StringValues<'a> {
             let (next_off, next_on) = later[..2 * size].split_at(size);
             let (now_off, now_on) = before[t * 2 * size..].split_at_mut(size);
             now_on.fill(f64::INFINITY);
-            // The request of a string is at most the demand; a move between two nodes covers a smaller request.
+            let idle: Vec<Stencil> =
+                (0..TEMPERATURE_NODES).map(|j| after(grid.temperature_c(j), 0.0)).collect();
+            let idle_after = |next: &[f64], node: usize| {
+                let (i, j) = (node / TEMPERATURE_NODES, node % TEMPERATURE_NODES);
+                along(&next[i * TEMPERATURE_NODES..(i + 1) * TEMPERATURE_NODES], &idle[j])
+            };
+            // The request of a string is at most the demand; a move between two nodes covers a smaller request, one between
+            // an inverter that is on without power and the first node a request below that.
             let cap_w = problem.demand_w[t].min(problem.limit_w[m]);
             let price = price[t] * interval.dt_h;
             if let (true, Some((_, to_c)), Some((_, cost))) = (cap_w > 0.0, &led[which], &priced[which]) {
-                above.fill(f64::INFINITY);
+                let no_load = Losses { inverter: problem.curve(m, t).at(0.0).0, ..Losses::default() };
+                let no_load_cost = interval.dt_h * no_load.cost(&problem.prices.losses[t]);
+                above
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(node, value)| *value = no_load_cost + idle_after(next_on, node));
                 for (move_index, request_w) in moves.request_w.iter().enumerate() {
-                    let (k, node) = (move_index / size, move_index % size);
+                    let (k, node) = (move_index / size + 1, move_index % size);
                     let Some(to) = grid.soc.after(interval.direction, node / TEMPERATURE_NODES, k) else {
                         continue;
                     };
-                    let shorter_w = if k == 0 { 0.0 } else { moves.request_w[move_index - size] };
+                    let shorter_w = if k == 1 { 0.0 } else { moves.request_w[move_index - size] };
                     if *request_w == f64::INFINITY || shorter_w >= cap_w {
                         continue;
                     }
                     let row = &next_on[to * TEMPERATURE_NODES..(to + 1) * TEMPERATURE_NODES];
                     let value = cost[move_index] - price * request_w + along(row, &to_c[move_index]);
-                    if *request_w > cap_w {
-                        if above[node].is_finite() {
-                            let share = (cap_w - shorter_w) / (request_w - shorter_w);
-                            now_on[node] = now_on[node].min(above[node] + share * (value - above[node]));
-                        }
-                    } else if k > 0 && *request_w > 0.0 {
+                    if *request_w <= cap_w {
                         now_on[node] = now_on[node].min(value);
+                    } else {
+                        let share = (cap_w - shorter_w) / (request_w - shorter_w);
+                        now_on[node] = now_on[node].min(above[node] + share * (value - above[node]));
                     }
                     above[node] = value;
                 }
             }
-            let idle: Vec<Stencil> =
-                (0..TEMPERATURE_NODES).map(|j| after(grid.temperature_c(j), 0.0)).collect();
             for node in 0..size {
-                let (i, j) = (node / TEMPERATURE_NODES, node % TEMPERATURE_NODES);
-                let off = along(&next_off[i * TEMPERATURE_NODES..(i + 1) * TEMPERATURE_NODES], &idle[j]);
+                let off = idle_after(next_off, node);
                 now_off[node] = off.min(now_on[node] + problem.prices.start);
                 now_on[node] = off.min(now_on[node]);
             }
