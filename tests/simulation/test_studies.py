@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bess
@@ -235,6 +236,20 @@ def test_a_profile_that_repeats_starts_again_at_its_end() -> None:
     values = np.array([inputs.demand.ahead(step, 1, now)[0] for step in range(inputs.grid.n_steps)])
     np.testing.assert_array_equal(values[192:384], values[:192])
     assert values.max() == 78.0 and values.min() == -78.0
+
+
+@pytest.mark.parametrize("first", [-6, 96, 160, 1000])
+def test_a_run_that_starts_within_a_repeated_profile_takes_it_up_there(first: int, tmp_path: Path) -> None:
+    """Shorter than the profile, and before, within and after its time stamps."""
+    times = pd.date_range("2024-01-01", periods=192, freq="15min", tz="UTC", name="time")
+    path = tmp_path / "profile.csv"
+    pd.DataFrame({"power": np.arange(192.0) / 4.0}, index=times).to_csv(path)
+    start = (times[0] + first * times.freq).to_pydatetime()
+    values = {"demand.file": str(path), "demand.repeat": True, "run.start": start, "run.days": 0.5}
+    inputs = prepare(bess.load_study("case1", values))
+    now = StepInputs(inputs.system.initial_state(), inputs.limit_kw[0], inputs.ambient_c)
+    demand_kw = [inputs.demand.ahead(step, 1, now)[0] for step in range(48)]
+    np.testing.assert_array_equal(demand_kw, (first + np.arange(48)) % 192 / 4.0)
 
 
 def test_the_resolved_study_names_every_default() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
@@ -212,12 +212,14 @@ class SampledSeries:
         grid, longer
             Required time grid, and its optional continuation.
         repeat
-            Whether the series repeats from its start.
+            Whether the series repeats without end, before its start as well.
         """
         if repeat:
-            period = self.on(TimeGrid(self.start_s, grid.step_s, longer.n_steps), whole=False)
-            first = (grid.start_s - self.start_s) // grid.step_s
-            return period[(first + np.arange(longer.n_steps)) % period.size]
+            period_s = self.end_s - self.start_s
+            begun_s = (grid.start_s - self.start_s) % period_s
+            periods = -((grid.start_s - begun_s - longer.end_s) // period_s)
+            values, start_s = np.tile(self.values, periods), grid.start_s - begun_s
+            return replace(self, values=values, start_s=start_s).on(longer)
         self.on(grid)
         return self.on(longer, whole=False)
 
