@@ -17,6 +17,7 @@ from bess.study import bundled_studies, expand
 from bess.study.demands import DEMAND_KINDS
 from bess.study.demands.source import StepInputs
 from bess.study.keys import parse_assignment
+from bess.study.study import Study
 
 MINIMAL = '[demand]\nfile = "two-cycle-48h"\n'
 
@@ -70,6 +71,52 @@ def test_paths_on_the_command_line_are_relative_to_the_working_folder(
     monkeypatch.chdir(tmp_path)
     study = bess.load_study("arbitrage-2024", {"demand.prices": "prices.csv"})
     assert study.demand.prices == str(tmp_path / "prices.csv")  # type: ignore[union-attr]
+
+
+def test_files_of_scenarios_and_axes_are_relative_to_the_study_file(tmp_path: Path) -> None:
+    text = """
+    [demand]
+    prices = "prices.csv"
+    [[demand.market]]
+    name = "auction"
+    [[scenario]]
+    name = "a"
+    set = { "system.file" = "plant.toml", "demand.market.0.prices" = "a.csv", title = "b.csv" }
+    [[sweep]]
+    key = "weather.file"
+    values = ["mild.csv", "hot/july.csv"]
+    """
+    study = bess.load_study(written(tmp_path, text))
+    settings, files = study.scenario[0].set, study.sweep[0].values
+    assert settings["system.file"] == str(tmp_path / "plant.toml")
+    assert settings["demand.market.0.prices"] == str(tmp_path / "a.csv")
+    assert settings["title"] == "b.csv"
+    assert files == (str(tmp_path / "mild.csv"), str(tmp_path / "hot/july.csv"))
+    # Names of runs, and thereby of their folders, do not depend on the folder of the study.
+    assert list(expand(study)) == ["a_file=mild.csv", "a_file=hot-july.csv"]
+
+
+def test_a_key_of_a_table_in_a_list_is_set_by_its_index() -> None:
+    event = {"string": 0, "start": datetime(2024, 1, 1, tzinfo=UTC), "end": datetime(2024, 1, 2, tzinfo=UTC)}
+    study = bess.load_study("case1", {"event": [event]}).with_values({"event.0.limit_kw": 30.0})
+    assert study.event[0].limit_kw == 30.0
+    with pytest.raises(bess.InputError, match="'1' is no index of a list of 1 entries"):
+        study.with_values({"event.1.limit_kw": 30.0})
+
+
+def test_the_kind_of_objectives_follows_the_study_unless_it_is_given() -> None:
+    def kind(*changes: dict[str, object], **policy: object) -> str:
+        document = {"name": "x", "demand": {"prices": "prices.csv"}, "policy": policy}
+        study = Study.from_document(document, "x")
+        for change in changes:
+            study = study.with_values(change)
+        return study.policy.objectives.kind
+
+    assert kind() == kind({"run.days": 1}) == "money"
+    assert kind(mode="certified") == kind({"policy.mode": "certified"}) == "energy"
+    assert kind({"policy.horizon_steps": 8}, {"policy.gap": 0.01}) == "energy"
+    with pytest.raises(bess.InputError, match=r'a certified split needs objectives\.kind = "energy"'):
+        kind({"policy.horizon_steps": 8}, objectives={"kind": "money"})
 
 
 def test_a_change_leaves_the_original_as_it_is() -> None:

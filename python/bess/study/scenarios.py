@@ -3,7 +3,9 @@
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from os.path import commonpath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,12 +40,17 @@ def expand(study: Study) -> dict[str, Study]:
             f"{study.name}: sweep: {many} runs exceed the maximum of {_MAX_RUNS}; reduce the axes"
         )
     axes = [list(_points(axis)) for axis in study.sweep]
+    folders = [_common_folder(axis.values or ()) for axis in study.sweep]
     runs: dict[str, Study] = {}
     for (scenario, settings), *points in itertools.product(named, *axes):
         values = dict(settings)
         for point in points:
             values |= point
-        swept = "_".join(_label(key, value) for point in points for key, value in point.items())
+        swept = "_".join(
+            _label(key, value, folder)
+            for point, folder in zip(points, folders, strict=True)
+            for key, value in point.items()
+        )
         name = "_".join(part for part in (scenario, swept) if part)
         if name in runs:
             raise InputError(
@@ -120,6 +127,18 @@ def _points(axis: Axis) -> Iterator[dict[str, Any]]:
     yield from ({axis.key: _plain(value)} for value in values)
 
 
-def _label(key: str, value: Any) -> str:
+def _common_folder(values: Iterable[Any]) -> str:
+    """Return the folder of all files among ``values``, or no text: a label names a file from there on."""
+    folders = [
+        str(Path(value).parent) for value in values if isinstance(value, str) and Path(value).is_absolute()
+    ]
+    try:
+        return commonpath(folders)
+    except ValueError:  # no files, or files on several drives
+        return ""
+
+
+def _label(key: str, value: Any, folder: str) -> str:
     shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+    shown = shown.removeprefix(folder).lstrip("/\\")
     return re.sub(r"[^A-Za-z0-9._=+-]+", "-", f"{key.rpartition('.')[2]}={shown}").strip("-")
