@@ -225,6 +225,25 @@ def test_the_cash_of_years_follows_from_the_record(tmp_path: Path) -> None:
     assert result.kpis["cycle_wear_eur_mwh"] == pytest.approx(per_mwh)
 
 
+def test_a_string_added_after_the_run_is_worth_nothing_at_its_end(tmp_path: Path) -> None:
+    def residual_eur(**date: str) -> float:
+        dates = [pd.Timestamp(text, tz="UTC").to_pydatetime() for text in date.values()]
+        values = HOURLY | {
+            "demand.prices": str(two_kinds_of_days(tmp_path, 3)),
+            "policy.name": "equal",
+            "run.days": 2,
+            "system.initial_soh_capacity": [0.9, 1.0],
+            "augmentation": [{"string": 1, "date": each} for each in dates],
+        }
+        result = bess.run(bess.load_study("lifetime", values), progress=False)
+        return float(cash_by_year(result)["residual_eur"].sum())
+
+    later, during = residual_eur(date="2024-01-03"), residual_eur(date="2024-01-03", earlier="2024-01-02")
+    of_a_new_battery = 120.0 * bess.System.reference(2).nominal_energy_kwh[0]
+    assert later == pytest.approx(of_a_new_battery * 0.2 / 0.3, rel=0.01)
+    assert during == pytest.approx(later + of_a_new_battery, rel=0.01)
+
+
 @pytest.mark.closed_form
 def test_a_life_of_few_cycles_earns_most_on_the_days_that_pay_most(tmp_path: Path) -> None:
     """Four cycles are left, and ageing is linear in them: at no price a plant spends them on four days, good

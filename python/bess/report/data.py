@@ -72,7 +72,7 @@ def step_h(dataset: xr.Dataset) -> float:
     """Length of a step [h]."""
     times = dataset["time"].values
     if len(times) < 2:
-        return 0.25
+        return float(dataset.attrs["step_h"])
     return float((times[1] - times[0]) / np.timedelta64(1, "s")) / 3600.0
 
 
