@@ -112,7 +112,12 @@ def test_what_limits_the_plant_is_its_largest_loss_with_the_hours_and_energy_of_
     (run,) = runs_in(tmp_path / "run")[0].values()
     first, *_, last = limit_sentences(run)
     assert first.startswith("Derating of hot strings in 2 h: 80.0 kWh") and "More cooling" in first
-    assert last.startswith("96 starts of each inverter a day.")
+    # A rule starts what its demand starts: no price of a study changes that.
+    assert last == "96 starts of each inverter a day."
+    run.dataset["solver_status"][:] = PLANNED
+    assert limit_sentences(run)[-1].endswith(
+        "Fewer starts: raise policy.objectives.start_kwh, the price of a start."
+    )
 
 
 def test_energy_that_other_strings_had_left_is_what_another_split_can_give(tmp_path: Path) -> None:
