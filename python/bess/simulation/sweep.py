@@ -132,7 +132,8 @@ def _columns(document: Mapping[str, Any], keys: Iterable[str]) -> Iterator[tuple
             yield key, value["weight"]
             yield from ((f"{key}.{name}", other) for name, other in value.items() if name != "weight")
         else:
-            yield key, value if isinstance(value, int | float | str | None) else str(value)
+            shown = list(value) if isinstance(value, tuple) else value
+            yield key, shown if isinstance(shown, int | float | str | None) else str(shown)
 
 
 _CONNECT_TIMEOUT_S = 20
