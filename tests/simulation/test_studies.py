@@ -195,6 +195,21 @@ def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("twice", ["two axes", "an axis and a scenario"])
+def test_a_key_that_is_set_twice_is_refused(twice: str) -> None:
+    """Otherwise the last value would win, in runs that are named after both."""
+    axis = {"key": "demand.scale", "values": [1.0, 2.0]}
+    scenario = {"name": "a", "set": {"demand.scale": 0.5}}
+    tables = {"sweep": [axis, axis]} if twice == "two axes" else {"sweep": [axis], "scenario": [scenario]}
+    with pytest.raises(bess.InputError, match=r"demand\.scale is set by several axes"):
+        expand(bess.load_study("case1", tables))
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    study = bess.load_study("case1", {"system.n_strings": np.int64(3), "demand.scale": np.float32(0.5)})
+    assert (study.system.n_strings, study.demand.scale) == (3, 0.5)  # type: ignore[union-attr]
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -209,6 +224,14 @@ def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
         ("[demand\n", "not valid TOML"),
         (MINIMAL + "[[scenario]]\nname = 'a/b'\nset = {}\n", "scenario[0].name = 'a/b'"),
         (MINIMAL + "[[sweep]]\nkey = 'policy.gap'\n", "an axis is key + values"),
+        (
+            MINIMAL + "[[sweep]]\nkey = 'policy.gap'\nvalues = []\n",
+            "sweep[0].values: has 0 of at least 1 values",
+        ),
+        (
+            MINIMAL + "[[scenario]]\nname = 'a'\nset = { name = 'b' }\n",
+            "scenario[0]: set.name: a scenario is one run, with the name that its table gives",
+        ),
     ],
 )
 def test_bad_files_are_refused_with_their_name(text: str, expected: str, tmp_path: Path) -> None:

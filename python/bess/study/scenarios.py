@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from os.path import commonpath
 from pathlib import Path
@@ -27,7 +28,7 @@ def expand(study: Study) -> dict[str, Study]:
     Raises
     ------
     InputError
-        Unknown key, value out of range, or two runs of one name.
+        Unknown key, value out of range, a key that is set twice, or two runs of one name.
     """
     plain = study.model_copy(update={"scenario": (), "sweep": ()})
     if not study.scenario and not study.sweep:
@@ -38,6 +39,12 @@ def expand(study: Study) -> dict[str, Study]:
         many = str(count) if count < 10**15 else "its"
         raise InputError(
             f"{study.name}: sweep: {many} runs exceed the maximum of {_MAX_RUNS}; reduce the axes"
+        )
+    keys = Counter(key for axis in study.sweep for key in axis.simplex or (axis.key,))
+    keys.update({key for scenario in study.scenario for key in scenario.set})
+    if twice := [key for key, count in keys.items() if count > 1]:
+        raise InputError(
+            f"{study.name}: sweep: {twice[0]} is set by several axes, or by scenarios as well; set it in one"
         )
     axes = [list(_points(axis)) for axis in study.sweep]
     folders = [_common_folder(axis.values or ()) for axis in study.sweep]

@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
 from pydantic import ModelWrapValidatorHandler, ValidationError, model_validator
 
 from bess.control.policies.settings import PolicySection
@@ -135,7 +136,7 @@ class Study(Section):
         for key, value in zip(map(str, values), values.values(), strict=True):
             if "." not in key and isinstance(value, Mapping):
                 raise InputError(f"{key}: give one key of this section, such as {key}.NAME = VALUE")
-            document = with_value(document, key, value)
+            document = with_value(document, key, value.item() if isinstance(value, np.number) else value)
         document = _with_absolute_paths(document, Path.cwd())
         return self.from_document(document, self.name)
 
