@@ -131,7 +131,7 @@ def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
         if steps.size:
             yield "end_of_life_days", (steps[0] + 1) * step_h / 24.0
     if "cyclic_loss" in dataset:
-        aged = np.maximum(np.diff(dataset["cyclic_loss"].values, axis=0), 0.0).sum(axis=0)
+        aged = np.maximum(np.diff(with_initial(dataset, "cyclic_loss"), axis=0), 0.0).sum(axis=0)
         discharged_kwh = np.maximum(dataset["delivered_kw"].values, 0.0).sum() * step_h
         if discharged_kwh > 0.0:
             wear_eur = float(aged @ np.ravel(dataset.attrs["wear_eur_per_loss"]))
