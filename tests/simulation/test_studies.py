@@ -322,6 +322,30 @@ def test_a_run_that_starts_within_a_repeated_profile_takes_it_up_there(first: in
     np.testing.assert_array_equal(demand_kw, (first + np.arange(48)) % 192 / 4.0)
 
 
+@pytest.mark.parametrize(
+    ("day", "remedy"), [(2, "run.days, or demand.meter.repeat = true"), (-1, "run.days")]
+)
+def test_a_load_that_does_not_cover_the_run_is_refused_with_the_key_that_helps(
+    day: int, remedy: str, tmp_path: Path
+) -> None:
+    times = pd.date_range("2024-01-01", periods=24 * 5, freq="h", tz="UTC", name="time")
+    pd.DataFrame({"price": np.arange(times.size)}, index=times).to_csv(tmp_path / "prices.csv")
+    load = times[24 * 2 :] - pd.Timedelta(days=day)
+    pd.DataFrame({"load": np.ones(load.size)}, index=load).to_csv(tmp_path / "load.csv")
+    values = {
+        "demand.prices": str(tmp_path / "prices.csv"),
+        "demand.plan": "linear",
+        "demand.meter.load": str(tmp_path / "load.csv"),
+        "run.start": times[48].to_pydatetime(),
+        "run.days": 3,
+    }
+    study = bess.load_study("arbitrage-2024", values)
+    with pytest.raises(
+        bess.InputError, match=rf"load\.csv covers .*; set run\.start and {re.escape(remedy)}$"
+    ):
+        prepare(study)
+
+
 def test_the_resolved_study_names_every_default() -> None:
     document = tomllib.loads(bess.load_study("case1").to_toml())
     assert document["policy"]["gap"] == 1e-3

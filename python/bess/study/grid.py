@@ -192,9 +192,11 @@ class SampledSeries:
         """
         n_steps = min(grid.n_steps, (self.end_s - grid.start_s) // grid.step_s)
         if not self.start_s <= grid.start_s < self.end_s or (whole and n_steps < grid.n_steps):
+            # A series repeats after its end, not always before its start.
+            repeat = f", or {self.key.rpartition('.')[0]}.repeat = true" * (self.start_s <= grid.start_s)
             raise InputError(
                 f"{self.key}: {self.what} covers {_span(self)}, the run needs {_span(grid)}; "
-                f"set run.start and run.days, or {self.key.partition('.')[0]}.repeat = true"
+                f"set run.start and run.days{repeat}"
             )
         # The integral of a held series is piecewise linear: its differences are exact means for any steps.
         knots = self.start_s + self.step_s * np.arange(self.values.size + 1)
