@@ -35,7 +35,13 @@ class StoppedEarly(BessError):  # noqa: N818 - an outcome, not a fault
 
 @contextmanager
 def placed(place: str) -> Iterator[None]:
-    """Begin the message of an :class:`InputError` with its place, such as the name of a run, if given."""
+    """Begin the message of an :class:`InputError` with its place, such as the name of a run, if given.
+
+    Raises
+    ------
+    InputError
+        That error, with its place.
+    """
     try:
         yield
     except InputError as error:

@@ -4,7 +4,7 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from os.path import commonpath
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 from bess.errors import InputError
 from bess.study.keys import value_at
 from bess.study.sections import Axis
-from bess.study.study import Study
+from bess.study.study import Study, names_file
 
 _MAX_RUNS = 100_000
 
@@ -47,7 +47,7 @@ def expand(study: Study) -> dict[str, Study]:
             f"{study.name}: sweep: {twice[0]} is set by several axes, or by scenarios as well; set it in one"
         )
     axes = [list(_points(axis)) for axis in study.sweep]
-    folders = [_common_folder(axis.values or ()) for axis in study.sweep]
+    folders = [_common_folder(axis) for axis in study.sweep]
     runs: dict[str, Study] = {}
     for (scenario, settings), *points in itertools.product(named, *axes):
         values = dict(settings)
@@ -134,18 +134,18 @@ def _points(axis: Axis) -> Iterator[dict[str, Any]]:
     yield from ({axis.key: _plain(value)} for value in values)
 
 
-def _common_folder(values: Iterable[Any]) -> str:
-    """Return the folder of all files among ``values``, or no text: a label names a file from there on."""
-    folders = [
-        str(Path(value).parent) for value in values if isinstance(value, str) and Path(value).is_absolute()
-    ]
+def _common_folder(axis: Axis) -> Path | None:
+    """Return the folder of all files of an axis, if there is one: a label names a file from there on."""
+    values = axis.values if axis.values is not None and names_file(axis.key or "") else ()
+    paths = [Path(value) for value in values if isinstance(value, str)]
     try:
-        return commonpath(folders)
+        return Path(commonpath([path.parent for path in paths if path.is_absolute()]))
     except ValueError:  # no files, or files on several drives
-        return ""
+        return None
 
 
-def _label(key: str, value: Any, folder: str) -> str:
+def _label(key: str, value: Any, folder: Path | None) -> str:
     shown = f"{value:.6g}" if isinstance(value, float) else str(value)
-    shown = shown.removeprefix(folder).lstrip("/\\")
+    if folder is not None and Path(shown).is_absolute():
+        shown = str(Path(shown).relative_to(folder))
     return re.sub(r"[^A-Za-z0-9._=+-]+", "-", f"{key.rpartition('.')[2]}={shown}").strip("-")

@@ -238,6 +238,11 @@ def _name_from(path: Path) -> str:
     return re.sub(r"[^A-Za-z0-9._=+-]+", "-", letters).strip("-._=+")[:100] or "study"
 
 
+def names_file(key: str) -> bool:
+    """Whether the value of a dotted key is the name of a file; an index addresses a list."""
+    return re.sub(r"\.\d+\.", ".*.", key) in _FILES
+
+
 def _with_absolute_paths(node: Any, folder: Path, key: str = "") -> Any:
     """Resolve the files that a study names, also in its scenarios and axes, against ``folder``.
 
@@ -248,10 +253,9 @@ def _with_absolute_paths(node: Any, folder: Path, key: str = "") -> Any:
         keys = {name: f"{prefix}{name}" for name in node}
         if key == "sweep.*":
             keys["values"] = str(node.get("key"))
-        keys = {name: re.sub(r"\.\d+\.", ".*.", each) for name, each in keys.items()}
         return {name: _with_absolute_paths(each, folder, keys[name]) for name, each in node.items()}
     if isinstance(node, list | tuple):
-        below = key if key in _FILES else f"{key}.*"
+        below = key if names_file(key) else f"{key}.*"
         return [_with_absolute_paths(each, folder, below) for each in node]
-    is_path = key in _FILES and isinstance(node, str) and (Path(node).suffix or Path(node).name != node)
+    is_path = names_file(key) and isinstance(node, str) and (Path(node).suffix or Path(node).name != node)
     return str((folder / node).absolute()) if is_path else node
