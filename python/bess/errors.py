@@ -5,7 +5,8 @@ Expected outcomes (a time limit, an infeasible node) are statuses, not exception
 """
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 
 _MAX_LENGTH = 2000
 """Characters of a message."""
@@ -30,6 +31,21 @@ class InputError(BessError, ValueError):
 
 class StoppedEarly(BessError):  # noqa: N818 - an outcome, not a fault
     """A run was interrupted after its results so far were saved. Exit status 3; continue with ``resume``."""
+
+
+@contextmanager
+def placed(place: str) -> Iterator[None]:
+    """Begin the message of an :class:`InputError` with its place, such as the name of a run, if given.
+
+    Raises
+    ------
+    InputError
+        That error, with its place.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}: {error}" if place else str(error)) from error
 
 
 def nearest(name: str, allowed: Iterable[str], prefix: str = "") -> str:

@@ -199,6 +199,17 @@ def test_what_the_first_step_would_refuse_is_found_by_check_and_leaves_no_folder
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_error_in_one_of_several_runs_names_the_run(tmp_path: Path) -> None:
+    scenario = {"name": "full", "set": {"system.initial_soc": [0.5, 0.5, 0.5]}}
+    study = bess.load_study("case1", {"run.days": 0.25, "scenario": [{"name": "usual", "set": {}}, scenario]})
+    study_file = tmp_path / "study.toml"
+    study_file.write_text(study.to_toml(), encoding="utf-8")
+    for words in (("check",), ("run", "--out", "out")):
+        ended = command(words[0], str(study_file), *words[1:], folder=tmp_path)
+        said = ended.stderr.splitlines()[-1]
+        assert (ended.returncode, said) == (2, "bess: full: system.initial_soc: 3 values for 2 strings")
+
+
 def test_check_estimates_more_time_for_more_strings_longer_plans_and_more_days() -> None:
     def seconds(**values: object) -> float:
         planned = {"policy.mode": "plan", "policy.objectives.kind": "energy"}

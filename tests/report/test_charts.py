@@ -30,6 +30,19 @@ def series(chart: Chart, panel: int, label: str = ""):
     return [entry for entry in chart.panels[panel].series if entry.label == label or not label]
 
 
+@pytest.mark.parametrize("n_strings", [2, MAX_CURVES + 1])
+def test_powers_are_drawn_as_steps_and_states_as_lines(n_strings: int) -> None:
+    """A mean power of a step is not one of a ramp to the next."""
+    data = record(n_strings, 96)
+    data["reactive_kvar"], data["reactive_demand_kvar"] = data["delivered_kw"], data["demand_kw"]
+    for chart, panels, kind in (
+        (operation.reactive_power(data), (1, 2), "step"),
+        (operation.strings(data), (0, 1), "line"),
+    ):
+        kinds = {each.kind for panel in panels for each in chart.panels[panel].series} - {"band"}
+        assert kinds == {kind}
+
+
 @given(arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6)), st.integers(2, 60))
 def test_thinning_keeps_both_ends_and_every_bucket_extreme(values: np.ndarray, limit: int) -> None:
     x, y = thin(np.arange(len(values)), values, limit)

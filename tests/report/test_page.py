@@ -200,7 +200,10 @@ def test_a_sweep_begins_with_its_knee_and_the_points_worth_a_look(tmp_path: Path
     (tmp_path / "sweep.csv").write_text("\n".join(lines) + "\n")
     source = write_report(tmp_path).read_text(encoding="utf-8")
     text = " ".join(Page(tmp_path / "report.html").text.split())
-    assert "Knee of the front: inverter 0.4, with 97.90 % inverter and 98.90 % battery efficiency." in text
+    assert (
+        "Knee of the front: objectives.inverter 0.4, with 97.90 % inverter and 98.90 % battery efficiency."
+        in text
+    )
     assert "3 of 3 scenarios lie on the front" in text
     for why, weight, peak in (("knee of the front", 0.4, 35), ("least lost", 1, 50), ("coolest", 0, 30)):
         (row,) = re.findall(rf'<th scope="row">{why}</th>(.*?)</tr>', source)

@@ -4,17 +4,19 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from folders import write_run
 from synthetic import kpis, record, with_reserve
 
+import bess
 from bess.control.policies.planned import PLANNED
 from bess.errors import InputError
 from bess.report.contents import optimiser
 from bess.report.runs import Run, runs_in
 from bess.report.words.headline import limit_sentences, tiles
 from bess.report.words.paper import Verdict, comparisons, is_case_2, reading
-from bess.report.words.summary import summary, warnings
+from bess.report.words.summary import subject, summary, warnings
 from bess.report.words.tables import decision_table, kpi_groups
 from bess.simulation.analysis.kpis import kpis as compute
 
@@ -45,6 +47,22 @@ def one(directory: Path, **changes: object) -> dict[str, Run]:
 
 def test_a_clean_run_has_no_warnings(tmp_path: Path) -> None:
     assert warnings(one(tmp_path), {}) == []
+
+
+def test_a_run_of_one_step_has_the_length_of_its_step(tmp_path: Path) -> None:
+    pd.Series(
+        [100.0, 100.0], pd.date_range("2024-01-01", periods=2, freq="h", tz="UTC", name="time"), name="power"
+    ).to_csv(tmp_path / "power.csv")
+    values = {
+        "demand.file": str(tmp_path / "power.csv"),
+        "policy.name": "equal",
+        "system.parameters": {"control": {"step_min": 60.0}},
+        "run.days": 1 / 24,
+    }
+    bess.run(bess.load_study("policies", {"scenario": [], **values}), out=tmp_path / "run", progress=False)
+    runs, _ = runs_in(tmp_path / "run")
+    assert "Discharged: 100 kWh of 100 kWh demand, 100.0 %." in summary(runs)
+    assert subject(runs).startswith("2 strings · 1 h from 2024-01-01 00:00 UTC")
 
 
 @pytest.mark.parametrize(
@@ -94,7 +112,12 @@ def test_what_limits_the_plant_is_its_largest_loss_with_the_hours_and_energy_of_
     (run,) = runs_in(tmp_path / "run")[0].values()
     first, *_, last = limit_sentences(run)
     assert first.startswith("Derating of hot strings in 2 h: 80.0 kWh") and "More cooling" in first
-    assert last.startswith("96 starts of each inverter a day.")
+    # A rule starts what its demand starts: no price of a study changes that.
+    assert last == "96 starts of each inverter a day."
+    run.dataset["solver_status"][:] = PLANNED
+    assert limit_sentences(run)[-1].endswith(
+        "Fewer starts: raise policy.objectives.start_kwh, the price of a start."
+    )
 
 
 def test_energy_that_other_strings_had_left_is_what_another_split_can_give(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bess
@@ -16,6 +17,7 @@ from bess.study import bundled_studies, expand
 from bess.study.demands import DEMAND_KINDS
 from bess.study.demands.source import StepInputs
 from bess.study.keys import parse_assignment
+from bess.study.study import Study
 
 MINIMAL = '[demand]\nfile = "two-cycle-48h"\n'
 
@@ -69,6 +71,52 @@ def test_paths_on_the_command_line_are_relative_to_the_working_folder(
     monkeypatch.chdir(tmp_path)
     study = bess.load_study("arbitrage-2024", {"demand.prices": "prices.csv"})
     assert study.demand.prices == str(tmp_path / "prices.csv")  # type: ignore[union-attr]
+
+
+def test_files_of_scenarios_and_axes_are_relative_to_the_study_file(tmp_path: Path) -> None:
+    text = """
+    [demand]
+    prices = "prices.csv"
+    [[demand.market]]
+    name = "auction"
+    [[scenario]]
+    name = "a"
+    set = { "system.file" = "plant.toml", "demand.market.0.prices" = "a.csv", title = "b.csv" }
+    [[sweep]]
+    key = "weather.file"
+    values = ["mild.csv", "hot/july.csv"]
+    """
+    study = bess.load_study(written(tmp_path, text))
+    settings, files = study.scenario[0].set, study.sweep[0].values
+    assert settings["system.file"] == str(tmp_path / "plant.toml")
+    assert settings["demand.market.0.prices"] == str(tmp_path / "a.csv")
+    assert settings["title"] == "b.csv"
+    assert files == (str(tmp_path / "mild.csv"), str(tmp_path / "hot/july.csv"))
+    # Names of runs, and thereby of their folders, do not depend on the folder of the study.
+    assert list(expand(study)) == ["a_file=mild.csv", "a_file=hot-july.csv"]
+
+
+def test_a_key_of_a_table_in_a_list_is_set_by_its_index() -> None:
+    event = {"string": 0, "start": datetime(2024, 1, 1, tzinfo=UTC), "end": datetime(2024, 1, 2, tzinfo=UTC)}
+    study = bess.load_study("case1", {"event": [event]}).with_values({"event.0.limit_kw": 30.0})
+    assert study.event[0].limit_kw == 30.0
+    with pytest.raises(bess.InputError, match="'1' is no index of a list of 1 entries"):
+        study.with_values({"event.1.limit_kw": 30.0})
+
+
+def test_the_kind_of_objectives_follows_the_study_unless_it_is_given() -> None:
+    def kind(*changes: dict[str, object], **policy: object) -> str:
+        document = {"name": "x", "demand": {"prices": "prices.csv"}, "policy": policy}
+        study = Study.from_document(document, "x")
+        for change in changes:
+            study = study.with_values(change)
+        return study.policy.objectives.kind
+
+    assert kind() == kind({"run.days": 1}) == "money"
+    assert kind(mode="certified") == kind({"policy.mode": "certified"}) == "energy"
+    assert kind({"policy.horizon_steps": 8}, {"policy.gap": 0.01}) == "energy"
+    with pytest.raises(bess.InputError, match=r'a certified split needs objectives\.kind = "energy"'):
+        kind({"policy.horizon_steps": 8}, objectives={"kind": "money"})
 
 
 def test_a_change_leaves_the_original_as_it_is() -> None:
@@ -147,6 +195,21 @@ def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("twice", ["two axes", "an axis and a scenario"])
+def test_a_key_that_is_set_twice_is_refused(twice: str) -> None:
+    """Otherwise the last value would win, in runs that are named after both."""
+    axis = {"key": "demand.scale", "values": [1.0, 2.0]}
+    scenario = {"name": "a", "set": {"demand.scale": 0.5}}
+    tables = {"sweep": [axis, axis]} if twice == "two axes" else {"sweep": [axis], "scenario": [scenario]}
+    with pytest.raises(bess.InputError, match=r"demand\.scale is set by several axes"):
+        expand(bess.load_study("case1", tables))
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    study = bess.load_study("case1", {"system.n_strings": np.int64(3), "demand.scale": np.float32(0.5)})
+    assert (study.system.n_strings, study.demand.scale) == (3, 0.5)  # type: ignore[union-attr]
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -161,6 +224,14 @@ def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
         ("[demand\n", "not valid TOML"),
         (MINIMAL + "[[scenario]]\nname = 'a/b'\nset = {}\n", "scenario[0].name = 'a/b'"),
         (MINIMAL + "[[sweep]]\nkey = 'policy.gap'\n", "an axis is key + values"),
+        (
+            MINIMAL + "[[sweep]]\nkey = 'policy.gap'\nvalues = []\n",
+            "sweep[0].values: has 0 of at least 1 values",
+        ),
+        (
+            MINIMAL + "[[scenario]]\nname = 'a'\nset = { name = 'b' }\n",
+            "scenario[0]: set.name: a scenario is one run, with the name that its table gives",
+        ),
     ],
 )
 def test_bad_files_are_refused_with_their_name(text: str, expected: str, tmp_path: Path) -> None:
@@ -235,6 +306,44 @@ def test_a_profile_that_repeats_starts_again_at_its_end() -> None:
     values = np.array([inputs.demand.ahead(step, 1, now)[0] for step in range(inputs.grid.n_steps)])
     np.testing.assert_array_equal(values[192:384], values[:192])
     assert values.max() == 78.0 and values.min() == -78.0
+
+
+@pytest.mark.parametrize("first", [-6, 96, 160, 1000])
+def test_a_run_that_starts_within_a_repeated_profile_takes_it_up_there(first: int, tmp_path: Path) -> None:
+    """Shorter than the profile, and before, within and after its time stamps."""
+    times = pd.date_range("2024-01-01", periods=192, freq="15min", tz="UTC", name="time")
+    path = tmp_path / "profile.csv"
+    pd.DataFrame({"power": np.arange(192.0) / 4.0}, index=times).to_csv(path)
+    start = (times[0] + first * times.freq).to_pydatetime()
+    values = {"demand.file": str(path), "demand.repeat": True, "run.start": start, "run.days": 0.5}
+    inputs = prepare(bess.load_study("case1", values))
+    now = StepInputs(inputs.system.initial_state(), inputs.limit_kw[0], inputs.ambient_c)
+    demand_kw = [inputs.demand.ahead(step, 1, now)[0] for step in range(48)]
+    np.testing.assert_array_equal(demand_kw, (first + np.arange(48)) % 192 / 4.0)
+
+
+@pytest.mark.parametrize(
+    ("day", "remedy"), [(2, "run.days, or demand.meter.repeat = true"), (-1, "run.days")]
+)
+def test_a_load_that_does_not_cover_the_run_is_refused_with_the_key_that_helps(
+    day: int, remedy: str, tmp_path: Path
+) -> None:
+    times = pd.date_range("2024-01-01", periods=24 * 5, freq="h", tz="UTC", name="time")
+    pd.DataFrame({"price": np.arange(times.size)}, index=times).to_csv(tmp_path / "prices.csv")
+    load = times[24 * 2 :] - pd.Timedelta(days=day)
+    pd.DataFrame({"load": np.ones(load.size)}, index=load).to_csv(tmp_path / "load.csv")
+    values = {
+        "demand.prices": str(tmp_path / "prices.csv"),
+        "demand.plan": "linear",
+        "demand.meter.load": str(tmp_path / "load.csv"),
+        "run.start": times[48].to_pydatetime(),
+        "run.days": 3,
+    }
+    study = bess.load_study("arbitrage-2024", values)
+    with pytest.raises(
+        bess.InputError, match=rf"load\.csv covers .*; set run\.start and {re.escape(remedy)}$"
+    ):
+        prepare(study)
 
 
 def test_the_resolved_study_names_every_default() -> None:

@@ -169,6 +169,14 @@ def test_objectives_stand_in_the_table_as_numbers_under_the_keys_of_the_study(tm
     assert not [name for name in table if name.endswith(("priority", "weight", "_tol"))]
 
 
+def test_a_swept_list_stands_in_the_table_as_in_a_study_file(tmp_path: Path) -> None:
+    study = load_study(
+        "case1", {"sweep": [{"key": "system.initial_soc", "values": [[0.5, 0.5], [0.2, 0.8]]}]}
+    )
+    write_table(tmp_path, swept_keys(study), expand(study), {})
+    assert pd.read_csv(tmp_path / "sweep.csv")["system.initial_soc"].tolist() == ["[0.5, 0.5]", "[0.2, 0.8]"]
+
+
 def test_a_priority_that_differs_between_scenarios_has_a_column_of_its_own(tmp_path: Path) -> None:
     study = load_study("case2").with_values(
         {

@@ -220,9 +220,39 @@ def test_the_cash_of_years_follows_from_the_record(tmp_path: Path) -> None:
         assert cash.loc[k, "cash_eur"] == pytest.approx(expected)
     assert result.kpis["cash_npv_eur"] == pytest.approx(net_present_value(cash["cash_eur"], 0.05))
     assert result.kpis["investment_eur"] == pytest.approx(paid.sum())
-    cycles = np.maximum(np.diff(data["cyclic_loss"].values, axis=0), 0.0).sum(axis=0)
+    start = np.full((1, 2), 0.5 * (1.0 - 0.72))
+    cycles = np.diff(np.concatenate([start, data["cyclic_loss"].values]), axis=0).clip(min=0.0).sum(axis=0)
     per_mwh = 1000.0 * (cycles * price).sum() / result.kpis["discharged_kwh"]
     assert result.kpis["cycle_wear_eur_mwh"] == pytest.approx(per_mwh)
+
+
+def test_a_string_added_after_the_run_is_worth_nothing_at_its_end(tmp_path: Path) -> None:
+    def residual_eur(**date: str) -> float:
+        dates = [pd.Timestamp(text, tz="UTC").to_pydatetime() for text in date.values()]
+        values = HOURLY | {
+            "demand.prices": str(two_kinds_of_days(tmp_path, 3)),
+            "policy.name": "equal",
+            "run.days": 2,
+            "system.initial_soh_capacity": [0.9, 1.0],
+            "augmentation": [{"string": 1, "date": each} for each in dates],
+        }
+        result = bess.run(bess.load_study("lifetime", values), progress=False)
+        return float(cash_by_year(result)["residual_eur"].sum())
+
+    later, during = residual_eur(date="2024-01-03"), residual_eur(date="2024-01-03", earlier="2024-01-02")
+    of_a_new_battery = 120.0 * bess.System.reference(2).nominal_energy_kwh[0]
+    assert later == pytest.approx(of_a_new_battery * 0.2 / 0.3, rel=0.01)
+    assert during == pytest.approx(later + of_a_new_battery, rel=0.01)
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_calendar_and_cycle_wear_are_the_wear_cost_from_the_first_step_on(share: float) -> None:
+    values = {"wear.model": "naumann-lfp", "wear.calendar_share": share, "run.days": 1}
+    result = run(values, **{"system.initial_soh_capacity": [1.0, 0.9]})
+    start = share * (1.0 - np.array([1.0, 0.9]))
+    calendar_eur = (result.dataset["calendar_loss"].values[-1] - start) @ np.full(2, EUR_PER_LOSS[0])
+    cycle_eur = result.kpis["cycle_wear_eur_mwh"] * result.kpis["discharged_kwh"] / 1000.0
+    assert cycle_eur + calendar_eur == pytest.approx(result.kpis["wear_eur"])
 
 
 @pytest.mark.closed_form

@@ -9,7 +9,7 @@ from bess._core import ageing_models
 from bess.control.planning.groups import MIN_GROUPS
 from bess.control.planning.planner import BOUND_STEPS
 from bess.control.policies import POLICIES, plug_ins
-from bess.errors import InputError
+from bess.errors import InputError, placed
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.runner import closed_loop
 from bess.study import Study, bundled_studies, expand, load_study
@@ -41,8 +41,9 @@ def findings(study: Study) -> Iterator[str]:
     runs = expand(study)
     seen = None
     for name, each in runs.items():
-        inputs = prepare(each)
-        closed_loop(each, inputs)
+        with placed(name if len(runs) > 1 else ""):
+            inputs = prepare(each)
+            closed_loop(each, inputs)
         facts = [
             f"system: {inputs.system}",
             *inputs.notes,

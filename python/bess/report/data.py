@@ -72,7 +72,7 @@ def step_h(dataset: xr.Dataset) -> float:
     """Length of a step [h]."""
     times = dataset["time"].values
     if len(times) < 2:
-        return 0.25
+        return float(dataset.attrs["step_h"])
     return float((times[1] - times[0]) / np.timedelta64(1, "s")) / 3600.0
 
 
@@ -182,13 +182,15 @@ def string_curves(time: TimeAxis, values: Values, quantities: int = 1) -> list[S
     the strings with the highest and the lowest mean.
     """
     n_strings = values.shape[1]
+    edges = len(values) > len(time.start)
+    kind: Literal["line", "step"] = "line" if edges else "step"
     if n_strings <= MAX_CURVES:
+        among = quantities * n_strings
         each = [
-            curve(time, values[:, i], colour, f"string {i}", among=quantities * n_strings, band=False)
+            curve(time, values[:, i], colour, f"string {i}", kind=kind, among=among, band=False)
             for i, colour in enumerate(colours(n_strings))
         ]
         return [line for lines in each for line in lines]
-    edges = len(values) > len(time.start)
     x, shown = time.edges, values if edges else held(values)
     if time.daily:
         x, _, mean, _ = daily(time, values[1:] if edges else values)
@@ -199,9 +201,9 @@ def string_curves(time: TimeAxis, values: Values, quantities: int = 1) -> list[S
     return [
         Series(x, most, "#DDDDDD", f"{n_strings} strings", "band", least),
         Series(x, high, "#BBBBBB", "the middle 80 %", "band", low),
-        Series(x, middle, INK, "median"),
+        Series(x, middle, INK, "median", kind),
         *(
-            Series(*thin(x, shown[:, index], POINTS_PER_SERIES), colour, f"string {index}")
+            Series(*thin(x, shown[:, index], POINTS_PER_SERIES), colour, f"string {index}", kind)
             for index, colour in zip(ends, colours(2), strict=True)
         ),
     ]

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from bess.display import as_table, one_line
-from bess.errors import BessError, InputError, StoppedEarly
+from bess.errors import BessError, InputError, StoppedEarly, placed
 from bess.optional_dependencies import extra
 from bess.simulation.progress import progress_bar
 from bess.simulation.record.files import folder_in, make_folder, write_bytes
@@ -132,7 +132,8 @@ def _columns(document: Mapping[str, Any], keys: Iterable[str]) -> Iterator[tuple
             yield key, value["weight"]
             yield from ((f"{key}.{name}", other) for name, other in value.items() if name != "weight")
         else:
-            yield key, value if isinstance(value, int | float | str | None) else str(value)
+            shown = list(value) if isinstance(value, tuple) else value
+            yield key, shown if isinstance(shown, int | float | str | None) else str(shown)
 
 
 _CONNECT_TIMEOUT_S = 20
@@ -213,7 +214,8 @@ def run_scenarios(
     for left in _rounds(study, studies, results):
         for name, each in left.items():
             place = None if folder is None else folder_in(folder, name)
-            results[name] = run(each, progress=progress, out=place, resume=resume)
+            with placed(name):
+                results[name] = run(each, progress=progress, out=place, resume=resume)
     if folder is not None:
         write_summary(folder, {name: result.kpis for name, result in results.items()})
         if study.sweep:

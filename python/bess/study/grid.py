@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
@@ -192,9 +192,11 @@ class SampledSeries:
         """
         n_steps = min(grid.n_steps, (self.end_s - grid.start_s) // grid.step_s)
         if not self.start_s <= grid.start_s < self.end_s or (whole and n_steps < grid.n_steps):
+            # A series repeats after its end, not always before its start.
+            repeat = f", or {self.key.rpartition('.')[0]}.repeat = true" * (self.start_s <= grid.start_s)
             raise InputError(
                 f"{self.key}: {self.what} covers {_span(self)}, the run needs {_span(grid)}; "
-                f"set run.start and run.days, or {self.key.partition('.')[0]}.repeat = true"
+                f"set run.start and run.days{repeat}"
             )
         # The integral of a held series is piecewise linear: its differences are exact means for any steps.
         knots = self.start_s + self.step_s * np.arange(self.values.size + 1)
@@ -212,12 +214,14 @@ class SampledSeries:
         grid, longer
             Required time grid, and its optional continuation.
         repeat
-            Whether the series repeats from its start.
+            Whether the series repeats without end, before its start as well.
         """
         if repeat:
-            period = self.on(TimeGrid(self.start_s, grid.step_s, longer.n_steps), whole=False)
-            first = (grid.start_s - self.start_s) // grid.step_s
-            return period[(first + np.arange(longer.n_steps)) % period.size]
+            period_s = self.end_s - self.start_s
+            begun_s = (grid.start_s - self.start_s) % period_s
+            periods = -((grid.start_s - begun_s - longer.end_s) // period_s)
+            values, start_s = np.tile(self.values, periods), grid.start_s - begun_s
+            return replace(self, values=values, start_s=start_s).on(longer)
         self.on(grid)
         return self.on(longer, whole=False)
 

@@ -73,6 +73,8 @@ def _child(node: Any, part: str, key: str) -> Any:
     if isinstance(node, list):
         return node[_index(node, part, key)]
     child = node.setdefault(part, {})
+    if isinstance(child, tuple):  # as in a study, which is immutable
+        child = node[part] = list(child)
     if not isinstance(child, dict | list):
         raise InputError(f"{key}: {part} = {child!r} has no keys below it")
     return child

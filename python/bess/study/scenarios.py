@@ -3,7 +3,10 @@
 import itertools
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
+from os.path import commonpath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +14,7 @@ import numpy as np
 from bess.errors import InputError
 from bess.study.keys import value_at
 from bess.study.sections import Axis
-from bess.study.study import Study
+from bess.study.study import Study, names_file
 
 _MAX_RUNS = 100_000
 
@@ -25,7 +28,7 @@ def expand(study: Study) -> dict[str, Study]:
     Raises
     ------
     InputError
-        Unknown key, value out of range, or two runs of one name.
+        Unknown key, value out of range, a key that is set twice, or two runs of one name.
     """
     plain = study.model_copy(update={"scenario": (), "sweep": ()})
     if not study.scenario and not study.sweep:
@@ -37,13 +40,24 @@ def expand(study: Study) -> dict[str, Study]:
         raise InputError(
             f"{study.name}: sweep: {many} runs exceed the maximum of {_MAX_RUNS}; reduce the axes"
         )
+    keys = Counter(key for axis in study.sweep for key in axis.simplex or (axis.key,))
+    keys.update({key for scenario in study.scenario for key in scenario.set})
+    if twice := [key for key, count in keys.items() if count > 1]:
+        raise InputError(
+            f"{study.name}: sweep: {twice[0]} is set by several axes, or by scenarios as well; set it in one"
+        )
     axes = [list(_points(axis)) for axis in study.sweep]
+    folders = [_common_folder(axis) for axis in study.sweep]
     runs: dict[str, Study] = {}
     for (scenario, settings), *points in itertools.product(named, *axes):
         values = dict(settings)
         for point in points:
             values |= point
-        swept = "_".join(_label(key, value) for point in points for key, value in point.items())
+        swept = "_".join(
+            _label(key, value, folder)
+            for point, folder in zip(points, folders, strict=True)
+            for key, value in point.items()
+        )
         name = "_".join(part for part in (scenario, swept) if part)
         if name in runs:
             raise InputError(
@@ -120,6 +134,18 @@ def _points(axis: Axis) -> Iterator[dict[str, Any]]:
     yield from ({axis.key: _plain(value)} for value in values)
 
 
-def _label(key: str, value: Any) -> str:
+def _common_folder(axis: Axis) -> Path | None:
+    """Return the folder of all files of an axis, if there is one: a label names a file from there on."""
+    values = axis.values if axis.values is not None and names_file(axis.key or "") else ()
+    paths = [Path(value) for value in values if isinstance(value, str)]
+    try:
+        return Path(commonpath([path.parent for path in paths if path.is_absolute()]))
+    except ValueError:  # no files, or files on several drives
+        return None
+
+
+def _label(key: str, value: Any, folder: Path | None) -> str:
     shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+    if folder is not None and Path(shown).is_absolute():
+        shown = str(Path(shown).relative_to(folder))
     return re.sub(r"[^A-Za-z0-9._=+-]+", "-", f"{key.rpartition('.')[2]}={shown}").strip("-")

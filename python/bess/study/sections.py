@@ -224,6 +224,12 @@ class Scenario(Section):
     name: RunName
     set: dict[str, Any]
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if own := sorted({"name", "scenario", "sweep"} & {key.partition(".")[0] for key in self.set}):
+            raise ValueError(f"set.{own[0]}: a scenario is one run, with the name that its table gives")
+        return self
+
 
 class Axis(Section):
     """Table ``[[sweep]]``: one axis of a sweep; all axes are combined.
@@ -235,7 +241,7 @@ class Axis(Section):
     """
 
     key: str | None = None
-    values: tuple[Any, ...] | None = None
+    values: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
     start: float | None = None
     stop: float | None = None
     count: Annotated[int, Field(strict=True, ge=2)] | None = None

@@ -8,7 +8,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import ValidationError, model_validator
+import numpy as np
+from pydantic import ModelWrapValidatorHandler, ValidationError, model_validator
 
 from bess.control.policies.settings import PolicySection
 from bess.display import as_table, one_line
@@ -79,12 +80,16 @@ class Study(Section):
         """How often a search adds runs (:func:`bess.study.scenarios.refined`); 0 without a search."""
         return max((axis.refine or 0 for axis in self.sweep), default=0)
 
-    @model_validator(mode="before")
+    @model_validator(mode="wrap")
     @classmethod
-    def _choose_objectives(cls, document: Any) -> Any:
-        """Fill in the default objectives, which depend on the demand."""
+    def _choose_objectives(cls, document: Any, validate: ModelWrapValidatorHandler[Self]) -> Self:
+        """Fill in the default objectives, which depend on the demand; they remain marked as not given."""
         given = value_at(document, "policy.objectives.kind") is not None
-        return document if given else _with_kind(document)
+        filled = document if given else _with_kind(document)
+        study = validate(filled)
+        if filled is not document:
+            study.policy.objectives.model_fields_set.discard("kind")
+        return study
 
     @model_validator(mode="after")
     def _check_budget(self) -> Self:
@@ -128,14 +133,10 @@ class Study(Section):
         if not values:
             return self
         document = self.model_dump(exclude_unset=True, exclude_none=True)
-        kind = document["policy"]["objectives"].pop("kind")
-        if _with_kind(document)["policy"]["objectives"]["kind"] != kind:
-            # Differs from the default, so it was set explicitly and is kept.
-            document["policy"]["objectives"]["kind"] = kind
         for key, value in zip(map(str, values), values.values(), strict=True):
             if "." not in key and isinstance(value, Mapping):
                 raise InputError(f"{key}: give one key of this section, such as {key}.NAME = VALUE")
-            document = with_value(document, key, value)
+            document = with_value(document, key, value.item() if isinstance(value, np.number) else value)
         document = _with_absolute_paths(document, Path.cwd())
         return self.from_document(document, self.name)
 
@@ -178,7 +179,8 @@ def _with_kind(document: Any) -> Any:
     well_formed = all(isinstance(section, Mapping | None) for section in (policy, objectives))
     if not isinstance(document, Mapping) or not well_formed:
         return document
-    certified = value_at(policy, "horizon_steps") is not None or value_at(policy, "foresight_h") == 0
+    mode, hours = value_at(policy, "mode"), value_at(policy, "foresight_h")
+    certified = mode == "certified" or value_at(policy, "horizon_steps") is not None or hours == 0
     priced = kind_of_demand(document.get("demand")) in TRADES
     kind = "money" if priced and not certified else "energy"
     return {**document, "policy": {**(policy or {}), "objectives": {**(objectives or {}), "kind": kind}}}
@@ -236,14 +238,24 @@ def _name_from(path: Path) -> str:
     return re.sub(r"[^A-Za-z0-9._=+-]+", "-", letters).strip("-._=+")[:100] or "study"
 
 
-def _with_absolute_paths(document: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Resolve the files a study names against ``folder``; bundled names stay as they are."""
-    for pattern in _FILES:
-        section, _, key = pattern.partition(".*.")
-        tables = value_at(document, section) if key else None
-        count = len(tables) if isinstance(tables, list | tuple) else 0
-        for place in [f"{section}.{number}.{key}" for number in range(count)] if key else [pattern]:
-            value = value_at(document, place)
-            if isinstance(value, str) and (Path(value).suffix or Path(value).name != value):
-                document = with_value(document, place, str((folder / value).absolute()))
-    return document
+def names_file(key: str) -> bool:
+    """Whether the value of a dotted key is the name of a file; an index addresses a list."""
+    return re.sub(r"\.\d+\.", ".*.", key) in _FILES
+
+
+def _with_absolute_paths(node: Any, folder: Path, key: str = "") -> Any:
+    """Resolve the files that a study names, also in its scenarios and axes, against ``folder``.
+
+    ``key`` is the dotted key of ``node``. Bundled names stay as they are.
+    """
+    if isinstance(node, Mapping):
+        prefix = "" if key in ("", "scenario.*.set") else f"{key}."
+        keys = {name: f"{prefix}{name}" for name in node}
+        if key == "sweep.*":
+            keys["values"] = str(node.get("key"))
+        return {name: _with_absolute_paths(each, folder, keys[name]) for name, each in node.items()}
+    if isinstance(node, list | tuple):
+        below = key if names_file(key) else f"{key}.*"
+        return [_with_absolute_paths(each, folder, below) for each in node]
+    is_path = names_file(key) and isinstance(node, str) and (Path(node).suffix or Path(node).name != node)
+    return str((folder / node).absolute()) if is_path else node

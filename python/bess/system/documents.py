@@ -16,6 +16,7 @@ _MAX_DEPTH = 12
 _MAX_BYTES = 20 * 2**20
 _SHOWN_PROBLEMS = 4
 _PLAIN_WORDS = {
+    "too_short": "has {actual_length} of at least {min_length} values",
     "extra_forbidden": "unknown key",
     "missing": "missing",
     "float_type": "must be a number",
@@ -107,7 +108,8 @@ def describe(
                 path += f".{part}"
         key = (prefix + path.lstrip(".")).rstrip(".")
         message = problem["msg"].removeprefix("Value error, ")
-        message = _PLAIN_WORDS.get(problem["type"], message[:1].lower() + message[1:])
+        plain = _PLAIN_WORDS.get(problem["type"])
+        message = plain.format(**problem.get("ctx", {})) if plain else message[:1].lower() + message[1:]
         message = message.replace("input should be", "must be", 1)
         if unknown and model is not None:
             message += _remedy(problem["loc"], model, key)

@@ -59,7 +59,7 @@ class PolicySection(SplitSettings):
         if not self.plans and self.objectives.kind == "money":
             raise ValueError(
                 'objectives.kind = "money" is planned: leave out horizon_steps and foresight_h = 0, and use '
-                'mode = "plan"'
+                'mode = "plan"; a certified split needs objectives.kind = "energy" or "paper"'
             )
         return self
 

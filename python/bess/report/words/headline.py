@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.arrays import Array
+from bess.control.policies.planned import PLANNED
 from bess.plant.flows import Limit
 from bess.report.data import step_h
 from bess.report.runs import Run
@@ -144,7 +145,12 @@ def limit_sentences(run: Run) -> list[str]:
     ]
     starts = run.kpis["starts_per_day"] / run.dataset.sizes["string"]
     if starts > _MANY_STARTS_PER_DAY:
-        said.append(f"{starts:.0f} starts of each inverter a day. Fewer starts: raise the price of a start.")
+        # Only plans weigh starts against losses.
+        planned = (run.dataset["solver_status"].values == PLANNED).any()
+        priced = run.study["policy"].get("objectives", {}).get("kind") == "money"
+        key = "settlement.start_eur" if priced else "policy.objectives.start_kwh"
+        remedy = f" Fewer starts: raise {key}, the price of a start." * bool(planned)
+        said.append(f"{starts:.0f} starts of each inverter a day.{remedy}")
     return said
 
 

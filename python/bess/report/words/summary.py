@@ -276,7 +276,7 @@ def spread_sentences(runs: Mapping[str, Run]) -> Iterator[str]:
     if max(starts) < _MIN_MENTIONED:
         return
     ends = (
-        f"{name} {100.0 * start:.1f} to {100.0 * run.kpis['soc_spread_end']:.1f}"
+        f"{f'{name} ' * (len(runs) > 1)}{100.0 * start:.1f} to {100.0 * run.kpis['soc_spread_end']:.1f}"
         for (name, run), start in zip(runs.items(), starts, strict=True)
     )
     yield f"Largest minus smallest SOC of the strings, from start to end in points: {', '.join(ends)}."

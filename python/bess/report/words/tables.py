@@ -217,7 +217,8 @@ class SweepTable:
 
 
 def _short(key: str) -> str:
-    return key.rpartition(".")[2].replace("_", " ")
+    """Return a key with its section, as ``policy.name``."""
+    return ".".join(key.split(".")[-2:])
 
 
 def _number(text: str) -> str:

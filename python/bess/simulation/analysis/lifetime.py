@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from bess.arrays import Array
 from bess.errors import InputError
 from bess.simulation.analysis.settlement import has_prices, recorded_terms, settled
-from bess.simulation.record.dataset import study_of, with_initial
+from bess.simulation.record.dataset import seconds, study_of, with_initial
 from bess.simulation.record.result import Result, record_of
-from bess.study.grid import TimeGrid
+from bess.study.grid import TimeGrid, seconds_of
 from bess.study.sections import BudgetSection
 from bess.units import DAYS_PER_YEAR, KWH_PER_MWH, PERCENT
 
@@ -55,7 +55,8 @@ def cash_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     """Return the cash flow of years of operation: batteries are paid when installed, not as they wear.
 
     The batteries of the start are paid for. At the end of the run, a battery in service is worth the share of
-    its replacement cost that is left until its end of life; a string that will be retired is worth nothing.
+    its replacement cost that is left until its end of life; a string that will be retired, or has not been
+    added yet, is worth nothing.
 
     Parameters
     ----------
@@ -80,6 +81,11 @@ def cash_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     ledger = ledger_by_year(dataset)
     left = dataset["soh_capacity"].values[-1] - np.ravel(dataset.attrs["end_of_life_soh"])
     residual = np.maximum(left, 0.0) * np.ravel(dataset.attrs["residual_eur_per_soh"])
+    added_s: dict[int, int] = {}  # the first augmentation of each string
+    for table in study_of(dataset).get("augmentation", ()):
+        date_s, string = seconds_of(table["date"]), table["string"]
+        added_s[string] = min(date_s, added_s.get(string, date_s))
+    residual[[string for string, date_s in added_s.items() if date_s > seconds(dataset)[-1]]] = 0.0
     frame = pd.DataFrame({"income_eur": ledger["net_eur"] + ledger["wear_eur"]})
     frame["investment_eur"] = ledger.get("investment_eur", 0.0)
     frame["residual_eur"] = np.where(frame.index == frame.index[-1], residual.sum(), 0.0)
@@ -125,7 +131,7 @@ def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
         if steps.size:
             yield "end_of_life_days", (steps[0] + 1) * step_h / 24.0
     if "cyclic_loss" in dataset:
-        aged = np.maximum(np.diff(dataset["cyclic_loss"].values, axis=0), 0.0).sum(axis=0)
+        aged = np.maximum(np.diff(with_initial(dataset, "cyclic_loss"), axis=0), 0.0).sum(axis=0)
         discharged_kwh = np.maximum(dataset["delivered_kw"].values, 0.0).sum() * step_h
         if discharged_kwh > 0.0:
             wear_eur = float(aged @ np.ravel(dataset.attrs["wear_eur_per_loss"]))

@@ -231,6 +231,7 @@ def describe_frame(
     """Plain values, saved with the parts so that a record can be opened without the files of its study."""
     has_residual = [string.wear.at_end_of_life != "retire" for string in system.strings]
     initial, prices = system.initial_state(), WearPrices.of(system)
+    of_cycles = np.array([1.0 - string.wear.calendar_share for string in system.strings])
     return {
         "start_s": grid.start_s,
         "step_s": grid.step_s,
@@ -248,6 +249,7 @@ def describe_frame(
             "initial_temperature_c": initial.temperature_c.tolist(),
             "initial_soh_capacity": initial.soh_capacity.tolist(),
             "initial_soh_resistance": initial.soh_resistance.tolist(),
+            "initial_cyclic_loss": (of_cycles * (1.0 - initial.soh_capacity)).tolist(),
             "wear_eur_per_loss": prices.eur_per_loss.tolist(),
             "residual_eur_per_soh": np.where(has_residual, prices.eur_per_loss, 0.0).tolist(),
             "end_of_life_soh": prices.end_of_life.tolist(),
@@ -265,12 +267,14 @@ def fingerprint(system: System) -> str:
 def with_initial(dataset: xr.Dataset, variable: str) -> Array:
     """Return the state at the start and at the end of every step, shape ``(n_steps + 1, n_strings)``.
 
-    A later part of a run does not contain its initial state: the state after its first step replaces it.
+    A later part of a run, or a record without the attribute, does not contain its initial state: the state
+    after the first step replaces it.
     """
     states: Array = dataset[variable].values
-    if not begins_with_run(dataset):
+    key = f"initial_{variable}"
+    if key not in dataset.attrs or not begins_with_run(dataset):
         return np.concatenate([states[:1], states])
-    initial = np.atleast_1d(np.asarray(dataset.attrs[f"initial_{variable}"], dtype=np.float64))
+    initial = np.atleast_1d(np.asarray(dataset.attrs[key], dtype=np.float64))
     return np.concatenate([initial[None, :], states])
 
 
