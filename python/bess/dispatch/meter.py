@@ -104,7 +104,7 @@ def min_peak_kw(
     dt_h : float
         Control step [h].
     power_kw, capacity_kwh, stored_kwh : float
-        Power of the store, its energy capacity, and its energy at the start. What is above the capacity is not
+        Power of the store, its energy capacity, and its energy at the start. Energy above the capacity is not
         counted: the store cannot charge back to it.
     one_way_efficiency : float
         Efficiency of each direction, in (0, 1].
