@@ -107,12 +107,13 @@ def test_a_search_that_fails_leaves_the_control_step_alone(monkeypatch: pytest.M
     assert "no candidate" in live.calibration.search.error
 
 
-def test_a_string_out_of_service_at_its_calibration_lets_the_others_have_theirs() -> None:
+@pytest.mark.parametrize("fails_when", ["planned", "string"])
+def test_a_string_that_goes_out_of_service_lets_the_others_have_their_calibration(fails_when: str) -> None:
     live = controller(3, policy="soc", control_step_s=900.0, calibration_days=2.0)
-    both, first_out = np.ones(3, dtype=bool), np.array([False, True, True])
-    calibrated = set()
+    first_out, calibrated = False, set()
     for k in range(96 * 2):
-        available = both if live.calibration.planned is None and not calibrated and k < 48 else first_out
+        first_out |= getattr(live.calibration, fails_when) is not None
+        available = np.array([not first_out, True, True])
         live.step(measured([0.7, 0.7, 0.7], available=available), 5.0, 900.0 * k)
         calibrated.add(live.calibration.string)
     assert 1 in calibrated

@@ -121,8 +121,8 @@ class Calibration(Checkpointed):
         self.full_s = np.where(is_full, now_s, self.full_s)
         if self.planned is not None and is_full[int(self.planned[0])]:
             self.planned = None
-        if self.string is not None:
-            return
+        if self.string is not None and valid.in_service[self.string]:
+            return  # one that is out of service waits, and loses its turn to the next one that is due
         if self.planned is not None:
             if now_s >= self.planned[1]:
                 string, self.planned = int(self.planned[0]), None
