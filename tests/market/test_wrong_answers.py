@@ -269,3 +269,15 @@ def test_a_time_with_a_broken_character_is_an_error_and_not_a_warning(broken, tm
     text = table(DEGREES, "temperature_c").replace("2024-01-30T12:00Z", broken)
     with pytest.raises(bess.InputError, match="line 14"):
         bess.read_weather(write(tmp_path, text))
+
+
+# --- an export up to now, fetched in the first days of a year -----------------------------------------------
+
+
+def test_hours_of_new_year_up_to_now_are_a_part_of_the_day_and_no_strays(tmp_path):
+    times = pd.date_range("2023-12-29", "2024-01-01 14:00", freq="h", tz="Europe/Berlin")
+    rows = [f"{time:%d.%m.%Y %H:%M};{k},5" for k, time in enumerate(times)]
+    text = "\n".join(["Datum von;Deutschland/Luxemburg [€/MWh]", *rows]) + "\n"
+    series = bess.read_prices(write(tmp_path, text))
+    assert (series.index == times).all()
+    assert [repair.kind for repair in series.attrs["repairs"]] == ["part-of-a-day"]

@@ -38,6 +38,26 @@ def test_without_a_cell_model_nothing_ages_and_with_one_nothing_is_forgotten() -
     np.testing.assert_array_equal(second.ageing.soh_capacity, first.ageing.soh_capacity)
 
 
+@pytest.mark.parametrize("model", ["kokam-75ah", "schmalstieg", "naumann-lfp"])
+def test_an_outage_of_the_service_ages_the_strings_as_much_as_the_same_time_in_service(model: str) -> None:
+    system = bess.System(bess.System.reference(2).document | {"wear": {"model": model}})
+    lost = []
+    for step_s in (3600.0, 20.0 * 86_400.0):
+        live = controller(system=system, policy="equal")
+        for k in range(1 + round(20.0 * 86_400.0 / step_s)):
+            live.step(measured([0.6, 0.6]), 0.0, step_s * k)
+        lost.append(1.0 - live.ageing.soh_capacity)
+    np.testing.assert_allclose(lost[1], lost[0], rtol=0.01)
+
+
+def test_a_clock_that_began_in_1970_ages_nothing_when_it_is_set() -> None:
+    system = bess.System(bess.System.reference(2).document | {"wear": {"model": "kokam-75ah"}})
+    live = controller(system=system, policy="equal")
+    for now_s in (0.0, 900.0, 1.8e9, 1.8e9 + 900.0):
+        live.step(measured([0.6, 0.6]), 0.0, now_s)
+    assert (live.ageing.soh_capacity > 0.999).all()
+
+
 def _aged(soh_capacity: float) -> bess.System:
     document = bess.System.reference(2).document
     return bess.System(document | {"system": document["system"] | {"initial_soh_capacity": soh_capacity}})

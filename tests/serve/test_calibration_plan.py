@@ -69,24 +69,65 @@ def test_a_string_that_was_full_anyway_is_not_calibrated() -> None:
     assert live.calibration.string is None
 
 
-def test_after_a_search_that_fails_another_one_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+def fails(*_: object) -> tuple[int, float]:
+    raise RuntimeError("no candidate")
+
+
+@pytest.mark.parametrize("pool", [None, ThreadPoolExecutor(1)])
+def test_after_a_search_that_fails_the_next_step_of_the_plan_begins_another(
+    pool: ThreadPoolExecutor | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     system, service = bess.System.reference(2), ServiceSection(calibration_days=2.0)
-    plans = Calibration(system, service, SocLimits(system, service, 900.0), ThreadPoolExecutor(1))
+    plans = Calibration(system, service, SocLimits(system, service, 900.0), pool)
     valid = ValidState.without_doubt(bess.State([0.6, 0.6], [25.0, 25.0]), system.nominal_kw)
     plans.full_s = np.zeros(2)
 
-    def searched() -> None:
-        plans.update(2.0 * DAY_S, valid, np.zeros(96), 900.0)
-        while plans._pending is not None and not plans._pending[2].done():
-            pass
-        plans.update(2.0 * DAY_S, valid, np.zeros(96), 900.0)
+    def searched(at_s: float) -> None:
+        plans.update(at_s, valid, np.zeros(96), 900.0)
+        while plans.search.is_busy:
+            plans.update(at_s, valid, np.zeros(96), 900.0)
 
-    monkeypatch.setattr(calibration, "place", lambda *_: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        searched()
+    monkeypatch.setattr(calibration, "place", fails)
+    searched(2.0 * DAY_S)
+    assert plans.search.error == "the search for the next calibration failed (RuntimeError: no candidate)"
     monkeypatch.setattr(calibration, "place", lambda *_: (0, 1.0))
-    searched()
-    assert plans.planned == [0, 2.0 * DAY_S, 1.0]
+    searched(2.0 * DAY_S)  # the same step of the plan: a failing search must not take all computing time
+    assert plans.planned is None
+    searched(2.0 * DAY_S + 900.0)
+    assert plans.planned == [0, 2.0 * DAY_S + 900.0, 1.0]
+    assert plans.search.error == ""
+
+
+def test_a_search_that_fails_leaves_the_control_step_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(calibration, "place", fails)
+    live = controller(2, control_step_s=10.0, calibration_days=1.0)
+    for k in range(3):
+        answer = live.step(measured([0.6, 0.6]), 80.0, 10.0 * k)
+        assert answer.request_kw.sum() == pytest.approx(80.0)
+    assert "no candidate" in live.calibration.search.error
+
+
+@pytest.mark.parametrize("fails_when", ["planned", "string"])
+def test_a_string_that_goes_out_of_service_lets_the_others_have_their_calibration(fails_when: str) -> None:
+    live = controller(3, policy="soc", control_step_s=900.0, calibration_days=2.0)
+    first_out, calibrated = False, set()
+    for k in range(96 * 2):
+        first_out |= getattr(live.calibration, fails_when) is not None
+        available = np.array([not first_out, True, True])
+        live.step(measured([0.7, 0.7, 0.7], available=available), 5.0, 900.0 * k)
+        calibrated.add(live.calibration.string)
+    assert 1 in calibrated
+
+
+def test_a_clock_that_was_ahead_delays_no_calibration() -> None:
+    live = controller(2, policy="soc", control_step_s=900.0, calibration_days=2.0)
+    for k in range(4):
+        live.step(measured([0.7, 0.7]), 5.0, 4.0 * 365.0 * DAY_S + 900.0 * k)
+    for k in range(2):
+        live.step(measured([0.7, 0.7]), 5.0, 900.0 * k)
+    due_s = live.calibration.due_s()
+    assert due_s is not None
+    assert due_s.max() <= 900.0 + 2.0 * DAY_S
 
 
 def test_a_plant_of_one_string_has_no_period() -> None:

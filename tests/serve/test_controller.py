@@ -189,6 +189,25 @@ def test_a_controller_continues_as_if_it_had_never_ended() -> None:
     np.testing.assert_array_equal(whole, head + run(second, range(90, 200)))
 
 
+@pytest.mark.parametrize("failure", [RuntimeError("no memory"), TimeoutError("no licence")])
+def test_a_plan_that_fails_in_any_way_is_reported_and_the_next_one_is_made(
+    failure: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    live = controller(2)
+
+    def fail(*_: object) -> None:
+        raise failure
+
+    with monkeypatch.context() as patched:
+        patched.setattr(live.plan, "_make", fail)
+        for k in range(2):
+            answer = live.step(measured([0.6, 0.6]), 80.0, 900.0 * k)
+            assert answer.request_kw.sum() == pytest.approx(80.0)
+            assert f"the last plan failed ({type(failure).__name__}: {failure})" in answer.status
+    assert live.step(measured([0.6, 0.6]), 80.0, 1800.0).status == "Shared within the plan."
+    assert live.plan.making.error == ""
+
+
 def test_settings_that_fit_no_plant_are_refused() -> None:
     for bad, words in (
         ({"control_step_s": 900.0, "soc_floor": (0.1, 0.2, 0.3)}, "3 values for 2 strings"),

@@ -12,9 +12,11 @@ from live_cases import controller, measured
 pytest.importorskip("fastapi")
 
 from bess.edge.plant_io.journal import Journal, open_journal
+from bess.edge.serve import run
 from bess.edge.serve import state_store as module
 from bess.edge.serve.service import Service
 from bess.edge.serve.state_store import StateStore
+from bess.errors import InputError
 from bess.study import load_study
 
 
@@ -95,3 +97,20 @@ def test_a_journal_whose_header_is_damaged_keeps_no_service_from_starting(tmp_pa
     journal.append(measured([0.6, 0.5]), 100.0, [50.0, 50.0])
     assert "journal.json: is damaged" in journal.error
     journal.close()
+
+
+def test_a_study_of_another_plant_that_is_refused_leaves_the_state_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "_log_to_standard_error", lambda: None)
+    two, three = (load_study("policies", {"system.n_strings": n, "policy.name": "soc"}) for n in (2, 3))
+    service = Service(two, tmp_path)
+    service.answer(measured([0.5, 0.5]), 10.0)
+    service.close()
+    Journal(tmp_path, service.controller.system, "two strings").close()
+    address = "openems=http://127.0.0.1:1"
+    with pytest.raises(InputError, match="of a plant of 2 strings, this one has 3"):
+        run.serve(three, port=0, state=tmp_path, plant=address, simulated=True)
+    again = Service(two, tmp_path)
+    again.close()
+    assert again.controller.answers == 1

@@ -347,6 +347,14 @@ def test_the_least_peak_by_hand() -> None:
     ) == pytest.approx(90.0)
 
 
+def test_a_store_that_begins_above_its_capacity_holds_the_least_peak_as_well() -> None:
+    numbers = {"power_kw": 100.0, "capacity_kwh": 40.0, "one_way_efficiency": 1.0}
+    net_kw = np.array([100.0, 0.0, 100.0])
+    limit_kw = min_peak_kw(net_kw, 1.0, stored_kwh=80.0, **numbers)  # in the last hour it holds 40 kWh
+    rule = GridPowerTarget(target_kw=limit_kw, dt_h=1.0, **numbers)
+    assert (net_kw - rule.demand_kw(net_kw, 80.0) <= limit_kw + 1e-6).all()
+
+
 def test_a_store_asks_for_no_more_than_it_holds_or_has_room_for() -> None:
     target = GridPowerTarget(
         target_kw=0.0, power_kw=50.0, capacity_kwh=100.0, one_way_efficiency=0.5, dt_h=1.0

@@ -104,7 +104,8 @@ def min_peak_kw(
     dt_h : float
         Control step [h].
     power_kw, capacity_kwh, stored_kwh : float
-        Power of the store, its energy capacity, and its energy at the start, which may be above the capacity.
+        Power of the store, its energy capacity, and its energy at the start. Energy above the capacity is not
+        counted: the store cannot charge back to it.
     one_way_efficiency : float
         Efficiency of each direction, in (0, 1].
     month : array_like of int, shape (n_steps,)
@@ -128,7 +129,7 @@ def min_peak_kw(
     program = StoreProgram(
         np.full(net_kw.size, dt_h),
         one_way_efficiency,
-        stored_kwh,
+        min(stored_kwh, capacity_kwh),
         cost=(0.0, 0.0),
         max_power=(power_kw, power_kw),
         capacity=capacity_kwh,

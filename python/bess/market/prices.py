@@ -23,6 +23,8 @@ _AREAS: Final = (
     "PriceArea", "Price Area", "price_area", "Area", "Zone", "Bidding Zone", "bidding_zone", "BiddingZone",
     "BZN", "MapCode", "AreaDisplayName", "DeliveryArea", "Delivery Area", "Country", "ISO3 Code", "region",
 )  # fmt: skip
+_STRAY_H: Final = 3
+"""Rows up to this hour of 1 January after other years are strays; more are a part of the day."""
 FORMATS: Final = {"ENTSO-E": entsoe, "SMARD": smard, "Energy-Charts": energy_charts}
 """Formats by source, tried in this order on the content of a table; any other file is a plain table."""
 
@@ -130,7 +132,7 @@ def _whole_days(rows: pd.DataFrame, table: Table, clock: tzinfo, repairs: Repair
     local = pd.DatetimeIndex(rows["utc"]).tz_convert(clock)
     days = local.normalize()
     last, whole = np.asarray(days == days[-1]), ends_day(rows["utc"], clock)
-    new_year = days[-1].day_of_year == 1 and days[-1].year > days[0].year and not whole
+    new_year = days[-1].day_of_year == 1 and days[-1].year > days[0].year and local[-1].hour < _STRAY_H
     lone = last.sum() == 1 and local[-1] == days[-1]
     if local[0] == days[0] and not last.all() and (new_year or lone):
         text = "dropped rows after the last whole day"

@@ -7,6 +7,7 @@ assumed, because depths are known only at the end of a service. Resistance stays
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -19,6 +20,8 @@ from bess.system import State, System
 
 BLOCK_S: Final = 900.0
 """Time over which measurements are averaged."""
+STEP_S: Final = 3600.0
+"""Maximum step of calendar ageing, whose rate falls as it proceeds, over an outage of the service."""
 DEPTH: Final = 0.5
 C_RATE: Final = 0.3
 LEAST: Final = 0.05
@@ -63,10 +66,12 @@ class Ageing(Checkpointed):
 
     def _close_block(self) -> None:
         soc, temperature_c = (np.ascontiguousarray(row[:, None]) for row in self._sums[:2] / self._gathered_s)
-        day = self._core.calendar_rate(self._standing, soc, temperature_c)[:, 0]
         depth, c_rate = np.full_like(soc, DEPTH), np.full_like(soc, C_RATE)
         cycle = self._core.cyclic_rate(self._cycling, depth, soc, c_rate, temperature_c)[:, 0]
-        self._standing = self._standing + day * self._gathered_s / 86_400.0
+        steps = math.ceil(self._gathered_s / STEP_S)
+        for _ in range(steps):
+            day = self._core.calendar_rate(self._standing, soc, temperature_c)[:, 0]
+            self._standing = self._standing + day * (self._gathered_s / steps) / 86_400.0
         self._cycling = self._cycling + cycle * self._sums[2]
         self._gathered_s, self._sums = 0.0, np.zeros_like(self._sums)
         self._update()

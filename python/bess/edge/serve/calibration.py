@@ -6,7 +6,7 @@ cost (:func:`place`) within the last day before it is due. A string that was ful
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Final
 
@@ -19,7 +19,7 @@ from bess.control.split.objectives import SHORTFALL
 from bess.control.split.rollout import rollout
 from bess.edge.serve.constraints import PowerCapability, SocLimits
 from bess.edge.serve.measurement_validator import ValidState
-from bess.edge.serve.plan import in_pool
+from bess.edge.serve.plan import Background
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 from bess.system import State, System
@@ -64,7 +64,7 @@ class Calibration(Checkpointed):
         limits: SocLimits,
         pool: ThreadPoolExecutor | None = None,
     ) -> None:
-        self._system, self._service, self._limits, self._pool = system, service, limits, pool
+        self._system, self._service, self._limits = system, service, limits
         self._power_kw = QUARTER * system.nominal_kw
         if service.calibration_kw is not None:
             self._power_kw = np.minimum(service.calibration_kw, system.nominal_kw)
@@ -75,7 +75,9 @@ class Calibration(Checkpointed):
         self.target_soc = 1.0
         self.planned: list[float] | None = None
         self.full_s: Array = np.full(system.n_strings, np.nan)
-        self._pending: tuple[int, float, Future[tuple[int, float]]] | None = None
+        self.search = Background[tuple[int, float]](pool, "the search for the next calibration")
+        # String and begin of the last search.
+        self._searched: tuple[int, float] | None = None
 
     def due_s(self) -> Array | None:
         """Time when each string must be full again; None without a period."""
@@ -113,22 +115,24 @@ class Calibration(Checkpointed):
         n = self._system.n_strings
         spread_s = self._period_s * (np.arange(1, n + 1) / n - 1.0)
         self.full_s = np.where(np.isnan(self.full_s), now_s + spread_s, self.full_s)
+        if (self.full_s > now_s).any():  # the clock was wrong then
+            self.full_s, self.planned = np.minimum(self.full_s, now_s), None
         is_full = valid.in_service & (valid.soc_low >= self._limits.full - _FULL)
         self.full_s = np.where(is_full, now_s, self.full_s)
         if self.planned is not None and is_full[int(self.planned[0])]:
             self.planned = None
-        if self.string is not None:
-            return
+        if self.string is not None and valid.in_service[self.string]:
+            return  # one that is out of service waits, and loses its turn to the next one that is due
         if self.planned is not None:
-            if now_s >= self.planned[1] and valid.in_service[int(self.planned[0])]:
-                self.string = int(self.planned[0])
-                self.target_soc, self.planned = float(self._limits.full[self.string]), None
-        elif self._pending is None:
+            if now_s >= self.planned[1]:
+                string, self.planned = int(self.planned[0]), None
+                if valid.in_service[string]:
+                    self.string, self.target_soc = string, float(self._limits.full[string])
+        elif self._searched is not None and (found := self.search.collect()) is not None:
+            string, began_s = self._searched
+            self.planned = [string, began_s + found[0] * plan_s, found[1]]
+        elif not self.search.is_busy:
             self._look_ahead(now_s, valid, day_kw, plan_s, self._period_s)
-        elif self._pending[2].done():
-            (string, began_s, search), self._pending = self._pending, None
-            start, cost_kwh = search.result()
-            self.planned = [string, began_s + start * plan_s, cost_kwh]
 
     def is_done(self, valid: ValidState) -> bool:
         """Whether the string in calibration is full by both of its possible values."""
@@ -161,7 +165,7 @@ class Calibration(Checkpointed):
     def _look_ahead(
         self, now_s: float, valid: ValidState, day_kw: Array, plan_s: float, period_s: float
     ) -> None:
-        """Begin the search for a time if a string is due within the day."""
+        """Begin the search for a time if a string is due within the day; once in a step of the plan."""
         due_s = np.where(valid.in_service, self.full_s + period_s, np.inf)
         i = int(np.argmin(due_s))
         energy_kwh = self._system.nominal_energy_kwh[i] * valid.state.soh_capacity[i]
@@ -169,9 +173,12 @@ class Calibration(Checkpointed):
         ahead_s = max(min(_DAY_S, period_s / 2.0), 3600.0 * SLACK * missing_kwh / self._power_kw[i])
         if now_s < due_s[i] - ahead_s:
             return
+        searched, self._searched = self._searched, (i, now_s // plan_s * plan_s)
+        if searched == self._searched:
+            return
         left = int((due_s[i] - now_s) // plan_s)
         task = (self._system, self._service, valid, day_kw, plan_s / 3600.0, i, left)
-        self._pending = (i, now_s // plan_s * plan_s, in_pool(self._pool, place, *task))
+        self.search.begin(place, *task)
 
 
 def place(

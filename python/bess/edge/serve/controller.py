@@ -39,6 +39,8 @@ PLAN_DEVIATION: Final = 0.1
 """Relative deviation from the demand of the plan up to which its shares are used."""
 PLAN_DEVIATION_S: Final = 60.0
 """Time for which the demand must stay this near."""
+MAX_OUTAGE_S: Final = 366 * 86_400.0
+"""A longer time since the last step is due to a clock that was wrong then, as one that began in 1970."""
 
 
 class Controller(Checkpointed):
@@ -142,6 +144,8 @@ class Controller(Checkpointed):
         """
         began = time.perf_counter()
         elapsed_s = self.step_s if self._last_s is None else max(0.0, now_s - self._last_s)
+        if elapsed_s > MAX_OUTAGE_S:
+            elapsed_s = self.step_s
         self._last_s = now_s
         valid = self._validate(measured, elapsed_s)
         slot = self.plan.slot(now_s)
@@ -173,7 +177,7 @@ class Controller(Checkpointed):
         return Answer(
             request_kw=request,
             plan_kw=ahead(self.plan, request, forecast_kw, now_s, valid.limit_kw),
-            status=status(unmet_kw, demand_kw, self.plan.from_now(now_s) is not None, self.plan.error),
+            status=status(unmet_kw, demand_kw, self.plan.from_now(now_s) is not None, self.plan.making.error),
             gap=self.plan.gap(request, now_s),
             fallback=False,
             unmet_kw=unmet_kw,

@@ -81,6 +81,7 @@ def live(service: Service, span: str) -> dict[str, Any]:
     controller, calibration = service.controller, service.controller.calibration
     planned, due_s = calibration.planned, calibration.due_s()
     names = ("string", "start_s", "cost_kwh")
+    errors = (service.memory.error, controller.plan.making.error, calibration.search.error)
     return {
         "study": service.name,
         "time_s": service.clock(),
@@ -90,7 +91,7 @@ def live(service: Service, span: str) -> dict[str, Any]:
         "starts": controller.commitment.starts.tolist(),
         "answers": controller.answers,
         "fallbacks": controller.fallbacks,
-        "notes": [note for note in (*service.notes, service.memory.error) if note],
+        "notes": [note for note in (*service.notes, *errors) if note],
         "calibration": {
             "string": calibration.string,
             "next": None if planned is None else dict(zip(names, planned, strict=True)),

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from concurrent.futures import TimeoutError as Late
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, TypeVar
+from typing import Any, ClassVar, Final, Generic, TypeVar
 
 import numpy as np
 
@@ -14,11 +14,11 @@ from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.control.policies import Policy, PolicyInput
 from bess.edge.serve.commitment import Curves
-from bess.errors import BessError
 from bess.system import State, System
 
 T = TypeVar("T")
 
+LOG: Final = logging.getLogger("bess.serve")
 SMOOTH_S: Final = 300.0
 """Time constant for smoothing a fluctuating demand."""
 CHANGED: Final = 0.05
@@ -82,13 +82,50 @@ class DemandForecast(Checkpointed):
         self._mean = (slot, mean, weight_s + span_s)
 
 
-def in_pool(pool: ThreadPoolExecutor | None, call: Callable[..., T], *arguments: Any) -> Future[T]:
-    """Run a call in a pool, or at once without one."""
-    if pool is not None:
-        return pool.submit(call, *arguments)
-    future: Future[T] = Future()
-    future.set_result(call(*arguments))
-    return future
+class Background(Generic[T]):
+    """One call at a time in a thread of ``pool``, or at once without one.
+
+    ``error`` is the failure of the last call, in a sentence; the log has its trace once.
+    """
+
+    def __init__(self, pool: ThreadPoolExecutor | None, what: str) -> None:
+        self._pool, self._what = pool, what
+        self._pending: Future[T] | None = None
+        self.error = ""
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether there is a call whose result is not collected."""
+        return self._pending is not None
+
+    def begin(self, call: Callable[..., T], *arguments: Any) -> None:
+        """Begin a call."""
+        if self._pool is not None:
+            self._pending = self._pool.submit(call, *arguments)
+            return
+        self._pending = Future()
+        try:
+            self._pending.set_result(call(*arguments))
+        except Exception as error:
+            self._pending.set_exception(error)
+
+    def collect(self, wait_s: float = 0.0) -> T | None:
+        """The result of a call that ends within ``wait_s``, once; None otherwise, and if it failed."""
+        if self._pending is None:
+            return None
+        try:
+            failure = self._pending.exception(wait_s)
+        except TimeoutError:
+            return None
+        ended, self._pending = self._pending, None
+        if failure is None:
+            self.error = ""
+            return ended.result()
+        error = f"{self._what} failed ({type(failure).__name__}: {failure})"
+        if error != self.error:
+            LOG.warning(error, exc_info=failure)
+        self.error = error
+        return None
 
 
 @dataclass(frozen=True)
@@ -131,15 +168,13 @@ class CarriedPlan(Checkpointed):
     ) -> None:
         self._system, self._policy = system, policy
         self.step_s, self.n_steps = step_s, n_steps
-        self._pool = pool
-        self._pending: Future[ActivePlan] | None = None
+        self.making = Background[ActivePlan](pool, "the last plan")
         self._asked: tuple[int, Array, Array] | None = None
         self._asked_at_s = -np.inf
         # State of the policy before and after its plan of the present step.
         self._before: dict[str, Any] = policy.state_dict()
         self._after = self._before
         self.current: ActivePlan | None = None
-        self.error = ""
 
     def slot(self, now_s: float) -> int:
         """Return the number of the plan step that contains ``now_s``."""
@@ -153,13 +188,13 @@ class CarriedPlan(Checkpointed):
         ``forecast_kw`` ``(n_steps,)`` begins with the present step; ``limit_kw`` is the power of each string
         in service.
         """
-        self._collect(0.0)
-        if self._pending is None and self._is_due(now_s, forecast_kw, limit_kw):
+        self.current = self.making.collect() or self.current
+        if not self.making.is_busy and self._is_due(now_s, forecast_kw, limit_kw):
             slot = self.slot(now_s)
             gone = 0 if self._asked is None else slot - self._asked[0]
             self._asked, self._asked_at_s = (slot, forecast_kw, limit_kw), now_s
-            self._pending = in_pool(self._pool, self._make, slot, gone, state, forecast_kw, limit_kw)
-            self._collect(wait_s)
+            self.making.begin(self._make, slot, gone, state, forecast_kw, limit_kw)
+            self.current = self.making.collect(wait_s) or self.current
 
     def from_now(self, now_s: float) -> Array | None:
         """Set-points from the present step on, shape ``(n_strings, n_left)``; None without a plan."""
@@ -193,17 +228,6 @@ class CarriedPlan(Checkpointed):
             np.abs(limit - limit_kw).max() > CHANGED * nominal_kw.max()
             or np.abs(forecast - forecast_kw).max() > CHANGED * float(nominal_kw.sum())
         )
-
-    def _collect(self, wait_s: float) -> None:
-        if self._pending is None or (wait_s == 0.0 and not self._pending.done()):
-            return
-        try:
-            self.current, self.error = self._pending.result(timeout=wait_s), ""
-        except Late:
-            return
-        except (BessError, ArithmeticError, ValueError) as error:
-            self.error = str(error)
-        self._pending = None
 
     def _make(self, slot: int, gone: int, state: State, forecast_kw: Array, limit_kw: Array) -> ActivePlan:
         total = limit_kw.sum()

@@ -29,6 +29,7 @@ from bess.edge.serve.service import LOG, Service
 from bess.errors import BessError, InputError
 from bess.simulation.record.store import locked
 from bess.study import Study
+from bess.study.plant_choice import build_system
 
 MAX_SHUTDOWN_S: Final = 9.0
 """Maximum time from the signal to the end of the process, even if a plant or a disk does not respond."""
@@ -72,15 +73,16 @@ def serve(
         study = study.with_values({"service.control_step_s": STEP_S})
     folder = state or Path("results") / f"{study.name}-service"
     with _held(folder), _listening(host, port) as listener:
+        if plant is not None:  # before the service, which sets a state of another system aside
+            system = build_system(study.system, study.run, study.wear)
+            link = connect(plant, system.n_strings)
+            demands = Demands(study, 60.0 * system.control.step_min)
+            journal = Journal(folder, system, study.title or study.name, study.service.journal_mb)
         service = Service(study, folder)
         for note in service.notes:
             LOG.info(note)
         loop = None
         if plant is not None:
-            system = service.controller.system
-            link = connect(plant, system.n_strings)
-            demands = Demands(study, service.controller.plan.step_s)
-            journal = Journal(folder, system, study.title or study.name, study.service.journal_mb)
             loop = ControlLoop(service, link, demands, journal, address=address, shadow=shadow)
         config = uvicorn.Config(
             build_app(service, token, loop, names),

@@ -151,7 +151,7 @@ class Service:
                 wait_s=PLAN_SHARE * self.controller.service.answer_within_s,
             )
             self._record(now_s, request, answer)
-        except Exception as error:
+        except BaseException as error:  # a panic of the core is not an Exception
             LOG.exception("the controller failed")
             return f"The controller failed ({type(error).__name__}: {error})"
         return answer
