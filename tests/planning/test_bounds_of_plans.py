@@ -117,7 +117,9 @@ def test_a_plan_has_no_bound_above_its_cost(
     soc: float, dt_h: float, demand_kw: list[float], has_bound: bool
 ) -> None:
     """The bound takes the coefficients of the start of each step, the cost those of the middle."""
-    plan = bess.plan_power(bess.System.reference(2), bess.State([soc] * 2, [25.0] * 2), demand_kw, ENERGY, dt_h)
+    plan = bess.plan_power(
+        bess.System.reference(2), bess.State([soc] * 2, [25.0] * 2), demand_kw, ENERGY, dt_h
+    )
     assert plan.bound <= plan.cost if has_bound else np.isnan(plan.bound) and np.isnan(plan.gap)
 
 
