@@ -67,7 +67,8 @@ def in_bins(journal: xr.Dataset) -> xr.Dataset:
     times_s, _, usual_s = _intervals(journal)
     needed_s = max((times_s[-1] - times_s[0]) / (MAX_BINS - 1), usual_s or 1.0)
     width_s = next((width for width in _BIN_S if width >= needed_s), _BIN_S[-1])
-    return journal.astype(np.float64).resample(time=f"{width_s}s", origin="epoch").mean(keep_attrs=True)
+    bins = journal.astype(np.float64).resample(time=f"{width_s}s", origin="epoch").mean(keep_attrs=True)
+    return bins.assign_attrs(step_h=width_s / 3600.0)
 
 
 def _intervals(journal: xr.Dataset) -> tuple[Array, Array, float]:
