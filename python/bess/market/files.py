@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, NoReturn
 
 import pandas as pd
 
-from bess.errors import InputError
+from bess.errors import InputError, placed
 from bess.files import MAX_BYTES, limited, read_file
 
 log = logging.getLogger("bess.market")
@@ -101,10 +101,8 @@ def reading(path: str | PathLike[str]) -> Iterator[tuple[bytes, Repairs]]:
     """
     name = _path_text(path)
     raw, repairs = read_file(name), Repairs()
-    try:
+    with placed(name):
         yield _unpacked(raw), repairs
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from error
     repairs.report(name)
 
 

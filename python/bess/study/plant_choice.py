@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bess.control.policies import Settings
-from bess.errors import InputError
+from bess.errors import InputError, placed
 from bess.study.keys import check_bundled
 from bess.study.sections import RunSection, SystemSection, WearSection
 from bess.study.study import Study
@@ -34,10 +34,8 @@ def build_system(
     parameters = plain(choice.parameters, "system.parameters")
     check_layout(parameters, "system.parameters")
     _check_reach(document, parameters, name)
-    try:
+    with placed(name):
         document = put_over(put_over({}, document), parameters)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from error
     site: dict[str, Any] = dict(document.get("system", {}))
     strings = [dict(entry) for entry in document.get("string", [])]
     n_strings = choice.n_strings or string_count(document, name)
