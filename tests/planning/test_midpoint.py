@@ -42,6 +42,24 @@ def test_a_step_that_is_taken_in_parts_cools_once(sign: float, soc: float) -> No
     assert end_c(1, "midpoint") == pytest.approx(end_c(256, "start"), abs=0.01)
 
 
+@pytest.mark.parametrize(("soc", "request_kw"), [(0.04, 60.0), (0.97, -80.0)])
+def test_a_string_that_becomes_empty_or_full_delivers_its_request_until_then(
+    soc: float, request_kw: float
+) -> None:
+    """As in the plant: full power for a part of the step costs more than little power for all of it."""
+    system, state = bess.System.reference(1), bess.State([soc], [30.0])
+    plant = bess.PlantEnsemble(system, [state]).run(np.full((1, 1, 1), request_kw), 900.0)
+    middle, start = (
+        bess.rollout(system, state, [[request_kw]], 0.25, model=model)  # type: ignore[arg-type]
+        for model in ("midpoint", "start")
+    )
+    assert middle.soc[0, -1] == pytest.approx(0.0 if request_kw > 0.0 else 1.0)
+    for name in ("delivered_kw", "inverter_loss_kw", "battery_loss_kw"):
+        truth = np.squeeze(getattr(plant, name))
+        assert np.squeeze(getattr(middle, name)) == pytest.approx(truth, rel=0.15), name
+    assert abs(start.battery_loss_kw.sum() / plant.battery_loss_kw.sum() - 1.0) > 0.3
+
+
 def test_both_forms_agree_on_what_does_not_move() -> None:
     idle = [
         bess.rollout(SYSTEM, bess.State([0.5, 0.1], [25.0, 40.0]), np.zeros((2, 3)), model=model)  # type: ignore[arg-type]

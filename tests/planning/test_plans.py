@@ -196,8 +196,9 @@ def test_rules_of_plans_are_the_policies_of_their_names() -> None:
             requests[name] = policy(inputs).request_kw[:, None]
             costs[name] = by_hand(problem, requests[name], certainty(1))
         best = min(costs, key=lambda name: costs[name])
-        assert plan.rule_cost == pytest.approx(costs[best], rel=1e-9, abs=1e-9)
-        ties = [name for name in costs if costs[name] <= costs[best] * (1.0 + 1e-9) + 1e-9]
+        # At the largest power of a cell a double root halves the digits of its current.
+        assert plan.rule_cost == pytest.approx(costs[best], rel=1e-7, abs=1e-9)
+        ties = [name for name in costs if costs[name] <= costs[best] * (1.0 + 1e-7) + 1e-9]
         assert any(np.allclose(plan.request_kw, requests[name], atol=1e-6) for name in ties)
         # What rounding leaves of a demand switches no inverter on.
         assert not np.any((np.abs(plan.request_kw) > 0.0) & (np.abs(plan.request_kw) < 1e-6))

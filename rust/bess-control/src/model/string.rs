@@ -176,9 +176,9 @@ impl StringModel {
         self.step_from(CoefficientsFrom::Start, state, request_w, interval)
     }
 
-    /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule). If
-    /// the string is or falls below its low-SOC switch, where resistance rises steeply, the interval is
-    /// divided into parts.
+    /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule), and with the
+    /// request delivered in full until the string is full or empty, as in a plant. If the string is or falls below its low-SOC
+    /// switch, where resistance rises steeply, the interval is divided into parts.
     #[inline]
     pub fn step_midpoint(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
         self.step_from(CoefficientsFrom::Middle, state, request_w, interval)
