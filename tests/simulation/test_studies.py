@@ -322,6 +322,14 @@ def test_a_run_that_starts_within_a_repeated_profile_takes_it_up_there(first: in
     np.testing.assert_array_equal(demand_kw, (first + np.arange(48)) % 192 / 4.0)
 
 
+def test_prices_beside_a_reserve_do_not_repeat_and_no_remedy_says_so(tmp_path: Path) -> None:
+    times = pd.date_range("2024-01-01", periods=24, freq="h", tz="UTC", name="time")
+    pd.DataFrame({"price": np.arange(24.0)}, index=times).to_csv(tmp_path / "prices.csv")
+    values = {"demand.prices": str(tmp_path / "prices.csv"), "run.start": times[0], "run.days": 2}
+    with pytest.raises(bess.InputError, match=r"prices\.csv covers .*; set run\.start and run\.days$"):
+        prepare(bess.load_study("fcr-arbitrage", values))
+
+
 @pytest.mark.parametrize(
     ("day", "remedy"), [(2, "run.days, or demand.meter.repeat = true"), (-1, "run.days")]
 )

@@ -109,7 +109,8 @@ def _ambient(choice: WeatherSection, file: str, setting: Setting, grid: TimeGrid
     given = setting.series_of(read, file, "weather.file")
     series = extended(read, grid.end) if choice.repeat else read
     series = over_years(read, grid.start, grid.end) if read.attrs["typical_year"] else series
-    values = SampledSeries.from_pandas(series, file, "weather.file").on(grid) + choice.offset_k
+    values = SampledSeries.from_pandas(series, file, "weather.file", "weather.repeat").on(grid)
+    values += choice.offset_k
     setting.note(f"weather: {file}, {values.min():g} to {values.max():g} degC", given)
     return values
 
@@ -168,7 +169,7 @@ def _reactive_of(choice: ReactiveSection, setting: Setting, grid: TimeGrid) -> R
         time_zone=choice.time_zone,
         fill=choice.fill,
     )
-    series = setting.series_of(read, choice.file, "reactive.file")
+    series = setting.series_of(read, choice.file, "reactive.file", "reactive.repeat")
     values = series.laid(grid, wanted, repeat=choice.repeat)
     in_run = values[: grid.n_steps]
     setting.note(f"reactive power: {choice.file}, {in_run.min():g} to {in_run.max():g} kvar", series)

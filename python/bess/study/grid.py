@@ -123,17 +123,24 @@ def seconds_of(instant: datetime) -> int:
 
 @dataclass(frozen=True)
 class SampledSeries:
-    """Regular series read from a file; ``what`` and ``key`` are used in messages, ``repairs`` in notes."""
+    """Regular series read from a file.
+
+    ``what``, ``key`` and ``repeat_key``, which repeats the series after its end, are used in messages,
+    ``repairs`` in notes.
+    """
 
     values: NDArray[np.float64]
     start_s: int
     step_s: int
     what: str
     key: str
+    repeat_key: str | None = None
     repairs: tuple[str, ...] = ()
 
     @classmethod
-    def from_pandas(cls, series: pd.Series[float], what: str, key: str) -> SampledSeries:
+    def from_pandas(
+        cls, series: pd.Series[float], what: str, key: str, repeat_key: str | None = None
+    ) -> SampledSeries:
         """Convert a gap-free series with a time-zone aware index.
 
         Raises
@@ -149,7 +156,7 @@ class SampledSeries:
             raise InputError(f"{key}: {what} has {seconds.size} values; at least two are required")
         values, step_s = np.asarray(series, dtype=np.float64), int(seconds[1] - seconds[0])
         repairs = tuple(f"repaired: {repair}" for repair in series.attrs.get("repairs", ()))
-        return cls(values, int(seconds[0]), step_s, what, key, repairs)
+        return cls(values, int(seconds[0]), step_s, what, key, repeat_key, repairs)
 
     @property
     def end_s(self) -> int:
@@ -193,7 +200,8 @@ class SampledSeries:
         n_steps = min(grid.n_steps, (self.end_s - grid.start_s) // grid.step_s)
         if not self.start_s <= grid.start_s < self.end_s or (whole and n_steps < grid.n_steps):
             # A series repeats after its end, not always before its start.
-            repeat = f", or {self.key.rpartition('.')[0]}.repeat = true" * (self.start_s <= grid.start_s)
+            repeats = self.repeat_key is not None and self.start_s <= grid.start_s
+            repeat = f", or {self.repeat_key} = true" if repeats else ""
             raise InputError(
                 f"{self.key}: {self.what} covers {_span(self)}, the run needs {_span(grid)}; "
                 f"set run.start and run.days{repeat}"

@@ -53,7 +53,7 @@ class SplitSettings(Choice):
     time_limit_s: Annotated[float, Field(strict=True), within(0.0, 1e9, "s")] | None = None
 
     def nodes(self, n_strings: int, n_steps: int) -> int:
-        """Maximum number of relaxations solved for each priority of a problem of this size."""
+        """Maximum number of nodes of each priority of a problem of this size."""
         if self.node_limit is not None:
             return self.node_limit
         if self.time_limit_s is not None:

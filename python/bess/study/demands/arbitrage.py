@@ -203,7 +203,8 @@ class ArbitrageDemand(DemandSection):
         """Return the prices read from ``file``; with ``repeat`` they last to the end of the run."""
         from bess.market import extended
 
-        return setting.series_of(extended(read, grid.end) if self.repeat else read, file, key)
+        lasting = extended(read, grid.end) if self.repeat else read
+        return setting.series_of(lasting, file, key, "demand.repeat")
 
     def _auctions(self, last_file: str, setting: Setting, grid: TimeGrid, price: Array) -> dict[str, Array]:
         """Positions and prices of the auctions before the last market, as recorded series."""

@@ -173,7 +173,7 @@ class FcrDemand(DemandSection):
             setting.note("frequency: a bundled week")
         else:
             read = read_frequency(file, column=self.column, time_zone=self.time_zone, fill=self.fill)
-            given = setting.series_of(read, file, "demand.frequency")
+            given = setting.series_of(read, file, "demand.frequency", "demand.repeat")
             setting.note(f"frequency: {file}", given)
             if not self.repeat:
                 return given

@@ -124,11 +124,13 @@ class Setting:
         start = self.run.start or series.start
         return TimeGrid.of(start, self.step_s, self.run.days or series.days_from(start, self.step_s))
 
-    def series_of(self, read: pd.Series[float], file: str, key: str) -> SampledSeries:
+    def series_of(
+        self, read: pd.Series[float], file: str, key: str, repeat_key: str | None = None
+    ) -> SampledSeries:
         """Return what a reader returned for ``file``, and list the file."""
         if Path(file) not in self.files:
             self.files.append(Path(file))
-        return SampledSeries.from_pandas(read, file, key)
+        return SampledSeries.from_pandas(read, file, key, repeat_key)
 
     def power_of(
         self,
@@ -144,11 +146,12 @@ class Setting:
         ``reading`` are further arguments of :func:`bess.dispatch.read_profile`.
         """
         check_bundled(key, name, bundled)
-        dt_h = self.step_s / 3600.0
+        dt_h, repeat_key = self.step_s / 3600.0, f"{key.rpartition('.')[0]}.repeat"
         if name in bundled:
             values, start_s = bundled[name](dt_h=dt_h) * scale, seconds_of(self.start)
-            return SampledSeries(values, start_s, round(self.step_s), f"profile {name}", key)
-        return self.series_of(read_profile(name, scale=scale, dt_h=dt_h, **reading), name, key)
+            return SampledSeries(values, start_s, round(self.step_s), f"profile {name}", key, repeat_key)
+        read = read_profile(name, scale=scale, dt_h=dt_h, **reading)
+        return self.series_of(read, name, key, repeat_key)
 
     def note(self, text: str, series: SampledSeries | None = None) -> None:
         """Add a note, followed by the repairs of a series."""
