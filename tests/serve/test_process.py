@@ -89,6 +89,37 @@ def test_a_port_that_is_taken_is_bad_input(tmp_path: Path, capfd: pytest.Capture
     assert last.startswith(f"bess: --host 127.0.0.1 --port {server.port}: cannot be listened on")
 
 
+def test_a_service_that_is_refused_does_not_say_that_it_listens(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "bess",
+        "serve",
+        "case1",
+        "--port",
+        str(_free_port()),
+        "--state",
+        str(tmp_path),
+    ]
+    done = subprocess.run(
+        [*command, "--set", "system.parameters.control.step_min=5", "--set", "service.control_step_s=900"],
+        timeout=60.0,
+        check=False,
+    )
+    assert done.returncode == 2
+    error = capfd.readouterr().err
+    assert "must not exceed the plan's step" in error
+    assert "listens at" not in error
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
 def _serve(folder: Path, port: int, bytes_on_disk: int) -> subprocess.Popen[bytes]:
     """A service on a disk that takes no file of more than so many bytes."""
     command = [sys.executable, "-m", "bess", "serve", "policies", "--port", str(port)]
@@ -126,9 +157,7 @@ def test_a_service_on_a_full_disk_starts_controls_says_so_and_saves_once_there_i
     tmp_path: Path, before: str
 ) -> None:
     folder = tmp_path / "state"
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = int(probe.getsockname()[1])
+    port = _free_port()
     answers = 0
     if before == "after a run":
         process = _serve(folder, port, resource.RLIM_INFINITY)
@@ -159,9 +188,7 @@ def test_a_service_on_a_full_disk_starts_controls_says_so_and_saves_once_there_i
 
 
 def test_a_service_whose_log_nobody_reads_goes_on_and_ends_when_told(tmp_path: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = int(probe.getsockname()[1])
+    port = _free_port()
     command = [sys.executable, "-m", "bess", "serve", "policies", "--port", str(port)]
     command += ["--set", "policy.name=soc", "--state", str(tmp_path / "state")]
     process = subprocess.Popen(command, stderr=subprocess.PIPE)

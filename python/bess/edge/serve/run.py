@@ -98,6 +98,8 @@ def serve(
             limit_concurrency=1000,
         )
         server = _Server(config, loop)
+        shown = f"[{host}]" if ":" in host else host
+        LOG.info(f"listens at http://{shown}:{port}")
         # Signals are captured before the thread starts: an exception raised at any other place may be lost.
         # A handled signal is raised again at the end.
         with suppress(KeyboardInterrupt), server.capture_signals(), closing(service), ExitStack() as end:
@@ -174,8 +176,6 @@ def _listening(host: str, port: int) -> Iterator[socket.socket]:
             raise InputError(
                 f"--host {host} --port {port}: cannot be listened on ({error.strerror}); use another --port"
             ) from error
-        shown = f"[{host}]" if ":" in host else host
-        LOG.info(f"listens at http://{shown}:{port}")
         yield listener
 
 
