@@ -50,6 +50,13 @@ def study_of(folder: Path, days: float, extra: str = "") -> Study:
     return load_study(path)
 
 
+@pytest.mark.parametrize("name", ["cold", "Cold"])
+def test_runs_that_would_share_a_folder_are_refused(name: str, tmp_path: Path) -> None:
+    study = study_of(tmp_path, 1, f'[[scenario]]\nname = "{name}"\nset = {{}}\n')
+    with pytest.raises(InputError, match=rf"'cold_initial_soc=0\.2' and '{name}_initial_soc=0\.2' have one"):
+        expand(study)
+
+
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
     from distributed import LocalCluster

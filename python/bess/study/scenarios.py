@@ -28,7 +28,7 @@ def expand(study: Study) -> dict[str, Study]:
     Raises
     ------
     InputError
-        Unknown key, value out of range, a key that is set twice, or two runs of one name.
+        Unknown key, value out of range, a key that is set twice, or two runs of one folder.
     """
     plain = study.model_copy(update={"scenario": (), "sweep": ()})
     if not study.scenario and not study.sweep:
@@ -49,6 +49,7 @@ def expand(study: Study) -> dict[str, Study]:
     axes = [list(_points(axis)) for axis in study.sweep]
     folders = [_common_folder(axis) for axis in study.sweep]
     runs: dict[str, Study] = {}
+    folder_of: dict[str, str] = {}
     for (scenario, settings), *points in itertools.product(named, *axes):
         values = dict(settings)
         for point in points:
@@ -59,9 +60,10 @@ def expand(study: Study) -> dict[str, Study]:
             for key, value in point.items()
         )
         name = "_".join(part for part in (scenario, swept) if part)
-        if name in runs:
+        if (earlier := folder_of.setdefault(name.casefold(), name)) in runs:
             raise InputError(
-                f"{study.name}: two runs have the name {name!r}; use distinct scenario names and values"
+                f"{study.name}: the runs {earlier!r} and {name!r} have one folder; use scenario names and "
+                "values that differ, not only in upper and lower case"
             )
         runs[name] = plain.with_values({"name": name, **values})
     return runs
