@@ -122,7 +122,7 @@ def _text_table(text: str, repairs: Repairs) -> Table:
 
 
 def _table(numbered: Numbered, separator: str, text: str, repairs: Repairs) -> Table:
-    """Find the header and check that all rows have its width."""
+    """Find the header, the rows below it, and the lines above it."""
     numbered = [
         (line, row) for line, row in numbered if "".join(row).strip() and not row[0].startswith(("#", "sep="))
     ]
@@ -141,20 +141,25 @@ def _table(numbered: Numbered, separator: str, text: str, repairs: Repairs) -> T
     ending = Ending.of(text, [row[-1].strip() for _, row in body])
     if _LABEL.match(header[-1]) and {len(row) for _, row in body[: len(body) - 1 or 1]} == {len(header) - 1}:
         body = [(line, [*row, ""]) for line, row in body]
-    remarks = []
-    for line, row in body:
-        if len(row) == len(header):
-            continue
-        beyond = [cell.strip() for cell in row[len(header) :] if cell.strip()]
-        if len(row) < len(header) or any(map(_LIKE_DATA.match, beyond)):
-            _ragged(line, len(row), len(header), last=line == body[-1][0])
-        remarks += [line] if beyond else []
-    if len(remarks) > max(1, _MAX_REMARK_SHARE * len(body)):
-        _ragged(remarks[0], len(header) + 1, len(header), last=False)
-    repairs.add("remark", "left out a remark beside the table", len(remarks), remarks[0] if remarks else None)
+    _check_widths(body, len(header), repairs)
     rows, lines = [row for _, row in body], [line for line, _ in body]
     preamble = [[cell.strip() for cell in row] for _, row in numbered[: max(start, 0)]]
     return Table(header, rows, lines, separator, ending, preamble)
+
+
+def _check_widths(body: Numbered, columns: int, repairs: Repairs) -> None:
+    """Refuse rows of another width, except for a few with a remark beside the table."""
+    remarks = []
+    for line, row in body:
+        if len(row) == columns:
+            continue
+        beyond = [cell.strip() for cell in row[columns:] if cell.strip()]
+        if len(row) < columns or any(map(_LIKE_DATA.match, beyond)):
+            _ragged(line, len(row), columns, last=line == body[-1][0])
+        remarks += [line] if beyond else []
+    if len(remarks) > max(1, _MAX_REMARK_SHARE * len(body)):
+        _ragged(remarks[0], columns + 1, columns, last=False)
+    repairs.add("remark", "left out a remark beside the table", len(remarks), remarks[0] if remarks else None)
 
 
 def _check_dates(cells: list[str]) -> None:

@@ -242,17 +242,8 @@ class _StringMonitor(Checkpointed):
                 self.soc, self.other_soc, self.agreeing = soc, None, 0
             remark = measured.remarks[i] if measured.remarks else ""
             return remark or "out of service, says the plant", True
-        if not np.isfinite(soc):
-            self.missing_s += elapsed_s
-            if self.soc is None or self.missing_s > self._service.late_after_s:
-                return "its state of charge is missing", True
-            self.soc = min(max(self.soc + expected, 0.0), 1.0)
-            return f"its state of charge is missing for {self.missing_s:.0f} s and estimated", False
-        self.missing_s = 0.0
-        if not -0.005 <= soc <= 1.005:
-            return f"its state of charge of {100.0 * soc:.4g} % is implausible", True
-        if np.isfinite(temperature) and not MIN_READING_C <= temperature <= MAX_READING_C:
-            return f"its temperature of {temperature:.4g} °C is implausible", True
+        if unusable := self._unusable(soc, temperature, expected, elapsed_s):
+            return unusable
         soc = min(max(soc, 0.0), 1.0)
         doubt = self._take_soc(soc, expected, elapsed_s)
         doubt = self._take_temperature(temperature, elapsed_s) or doubt
@@ -282,6 +273,23 @@ class _StringMonitor(Checkpointed):
             same_way = power * asked_kw > 0.0 and abs(power) < abs(asked_kw)
             return self._take_out(sentence, abs(power) if same_way else 0.0)
         return doubt, False
+
+    def _unusable(
+        self, soc: float, temperature_c: float, expected: float, elapsed_s: float
+    ) -> tuple[str, bool] | None:
+        """Judge readings that are missing or implausible; None if both can be used."""
+        if not np.isfinite(soc):
+            self.missing_s += elapsed_s
+            if self.soc is None or self.missing_s > self._service.late_after_s:
+                return "its state of charge is missing", True
+            self.soc = min(max(self.soc + expected, 0.0), 1.0)
+            return f"its state of charge is missing for {self.missing_s:.0f} s and estimated", False
+        self.missing_s = 0.0
+        if not -0.005 <= soc <= 1.005:
+            return f"its state of charge of {100.0 * soc:.4g} % is implausible", True
+        if np.isfinite(temperature_c) and not MIN_READING_C <= temperature_c <= MAX_READING_C:
+            return f"its temperature of {temperature_c:.4g} °C is implausible", True
+        return None
 
     def _take_soc(self, soc: float, expected: float, elapsed_s: float) -> str:
         """Accept a plausible reading; after a jump, keep both values until readings agree."""
