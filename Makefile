@@ -54,6 +54,7 @@ cases: $(VENV)/built
 # Every rule and mpc in every scenario of the arena (some minutes), and the tables of arena.md.
 arena: $(VENV)/built
 	$(BIN)/python benches/arena.py --page
+	$(BIN)/python benches/distilled.py --table
 
 docs: $(VENV)/built
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html

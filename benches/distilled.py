@@ -2,6 +2,7 @@
 
     python benches/distilled.py                            every scenario; about a CPU minute each
     python benches/distilled.py --only seven-days two-hot  some of them; others stay as stored
+    python benches/distilled.py --table                    none: the table beside a new arena (make arena)
 
 Writes docs/_cases/distil.json and the table of docs/howto/distil.md.
 """
@@ -19,7 +20,7 @@ from arena import PAGE, RULES, STORED, read, scenarios
 from bess.control.policies.distilled import DistilledPolicy
 from bess.edge.distil import GENERATIONS, distil
 
-KEPT = PAGE / "distil.json"
+KEPT, TABLE = PAGE / "distil.json", PAGE / "distil.md"
 
 
 def measure(study: bess.Study, generations: int) -> dict[str, float]:
@@ -38,8 +39,9 @@ def measure(study: bess.Study, generations: int) -> dict[str, float]:
     }
 
 
-def table(kept: Mapping[str, Mapping[str, float]], stored: Mapping[str, Any]) -> str:
+def table(kept: Mapping[str, Mapping[str, float]]) -> str:
     """Text of the file that the page includes."""
+    stored: Mapping[str, Any] = json.loads(STORED.read_text(encoding="utf-8"))
     rows = [
         "| scenario | best rule loses | `mpc` | distilled | kept "
         "| cost of the best rule | `mpc` | distilled | kept |",
@@ -76,14 +78,14 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     arguments.add_argument("--only", nargs="*", default=[], help="names of scenarios (default: all)")
     arguments.add_argument("--generations", type=int, default=GENERATIONS)
+    arguments.add_argument("--table", action="store_true", help="write the table of what is stored")
     chosen = arguments.parse_args()
     kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
-    for name, study in scenarios(chosen.only).items():
+    for name, study in ({} if chosen.table else scenarios(chosen.only)).items():
         kept[name] = measure(study, chosen.generations)
         print(name, kept[name], flush=True)
         KEPT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-    stored = json.loads(STORED.read_text(encoding="utf-8"))
-    (PAGE / "distil.md").write_text(table(kept, stored), encoding="utf-8")
+    TABLE.write_text(table(kept), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 
 import arena
+import distilled
 
 pytestmark = pytest.mark.golden
 
@@ -26,6 +27,11 @@ FOUGHT = (
     "unequal-light",
     "differing",
 )
+
+
+def test_distilled_controllers_are_compared_with_the_arena_of_its_page() -> None:
+    kept = json.loads(distilled.KEPT.read_text(encoding="utf-8"))
+    assert distilled.table(kept) == distilled.TABLE.read_text(encoding="utf-8")
 
 
 def test_the_arena_is_as_wide_as_its_page_says() -> None:
