@@ -1,7 +1,7 @@
 """Measure the numbers of ``howto/money.md``: ``python docs/make_money.py [month|look|ages|accuracy|year]``.
 
 A month takes seconds, the year of two ages and four weeks of the published benchmark a few minutes, its whole
-year (only if named) twenty.
+year (``year``, alone) twenty.
 Prices are read from ``../shared/data/prices``; without them the stored numbers stay.
 """
 
@@ -106,15 +106,13 @@ PIECES = {
 
 def main(names: list[str]) -> None:
     """Measure and write."""
-    numbers: dict[str, Any] = stored() if STORED.exists() else {}
     if names[:1] == ["year"]:
         return measure_year(names[1:])
-    for name in names or PIECES:
-        piece = PIECES[name]
+    for name, piece in {name: PIECES[name] for name in names or PIECES}.items():
         if piece.prices.exists():
-            numbers[name] = piece.measure(name, piece.days)
-            numbers[f"{name}, few days"] = piece.measure(name, piece.few_days)
-    write(numbers)
+            measured = {name: piece.measure(name, piece.days)}
+            measured[f"{name}, few days"] = piece.measure(name, piece.few_days)
+            write({**stored(), **measured})
 
 
 def measure_year(names: list[str]) -> None:
