@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 DT_H = 0.25
 ENERGY = bess.Objectives.energy(start_kwh=0.0)
+ROUNDING = 1e-7
+"""Relative rounding of costs: at the largest power of a cell a double root halves the digits of a current."""
 
 
 def differing(n_strings: int, rng: np.random.Generator) -> bess.System:

@@ -6,7 +6,7 @@ import copy
 
 import numpy as np
 import pytest
-from problems import DT_H, ENERGY, Case, by_hand
+from problems import DT_H, ENERGY, ROUNDING, Case, by_hand
 
 import bess
 from bess.control.planning import Planner, PlanPrices
@@ -35,7 +35,7 @@ def test_a_plan_of_groups_shares_out_the_demand_at_the_cost_of_its_true_strings(
     plan = given.plan(planner)
     given.check(plan)
     assert plan.cost < plan.rule_cost
-    assert plan.cost == pytest.approx(by_hand(given, plan.request_kw, np.ones(24)), rel=1e-9)
+    assert plan.cost == pytest.approx(by_hand(given, plan.request_kw, np.ones(24)), rel=ROUNDING)
 
 
 def test_a_carried_plan_of_groups_never_costs_more_than_what_it_was_made_from() -> None:
@@ -49,7 +49,7 @@ def test_a_carried_plan_of_groups_never_costs_more_than_what_it_was_made_from() 
     )
     end = planner.state_dict()["start_charge"] * 0.1
     second = last_asks_nothing.plan(planner)
-    assert second.cost <= by_hand(last_asks_nothing, moved, np.ones(24), end) * (1.0 + 1e-9)
+    assert second.cost <= by_hand(last_asks_nothing, moved, np.ones(24), end) * (1.0 + ROUNDING)
 
 
 def test_the_bound_of_many_strings_is_below_the_schedules_of_plan_and_rules() -> None:

@@ -19,9 +19,9 @@ from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.system import State, System
 
-ROLLOUTS = 90
-"""Roll-outs of a call. Over eight weeks of two reference strings, 40 roll-outs cost 0.3 % more energy and 300
-cost 0.2 % less."""
+MIN_ROLLOUTS, ROLLOUTS_PER_STRING, MAX_ROLLOUTS = 90, 22, 352
+"""Roll-outs of a call, unless given. Over eight weeks of two reference strings, 40 roll-outs cost 0.3 % more
+and 300 cost 0.2 % less than 90. More strings have more pairs to improve (docs/foresight.md)."""
 RESTART_ROLLOUTS = 600
 """Maximum roll-outs for the schedule of each rule at a cold start or restart; at most four times those of a
 call."""
@@ -55,6 +55,11 @@ ROUNDING = 1e-9
 """Relative difference of a cost and its bound that is due to rounding."""
 MAX_STEPS = 48 * 60
 """Maximum number of steps of a plan: two days of one-minute steps."""
+
+
+def typical_rollouts(n_strings: int) -> int:
+    """Roll-outs of a call for a plant of so many strings."""
+    return min(max(MIN_ROLLOUTS, ROLLOUTS_PER_STRING * n_strings), MAX_ROLLOUTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +146,9 @@ class Planner(Checkpointed):
         Prediction horizon [steps].
     dt_h : float
         Length of a step [h].
-    rollouts : int
-        Effort of a call, in roll-outs of all strings over the whole plan.
+    rollouts : int, optional
+        Effort of a call, in roll-outs of all strings over the whole plan; by default that of
+        :func:`typical_rollouts`.
     balance : float
         Price of SOC differences [1/h]. The cost per hour is this price x (fill of the string - fill of the
         plant)^2 x nominal energy x mean price of losses; the fill is a share of the SOC window. It applies
@@ -174,13 +180,14 @@ class Planner(Checkpointed):
         horizon_steps: int,
         dt_h: float = 0.25,
         *,
-        rollouts: int = ROLLOUTS,
+        rollouts: int | None = None,
         balance: float = SOC_BALANCING_PER_H,
         bound_passes: int = BOUND_PASSES,
         proof_cells: int = PROOF_CELLS,
         exact_forecast: bool = False,
     ) -> None:
         check_horizon(system, horizon_steps, dt_h, MAX_STEPS)
+        rollouts = typical_rollouts(system.n_strings) if rollouts is None else rollouts
         if rollouts < 0:
             raise InputError(f"rollouts = {rollouts}: must be >= 0")
         self.system = system

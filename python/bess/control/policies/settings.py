@@ -7,7 +7,6 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bess.control.planning.planner import ROLLOUTS
 from bess.control.policies.simplified import Model
 from bess.control.split.settings import SplitSettings
 from bess.system.quantities import within
@@ -36,7 +35,7 @@ class PolicySection(SplitSettings):
     mode: Literal["plan", "certified"] | None = None
     file: str | None = None
     foresight_h: Annotated[float, within(0.0, 48.0, "h")] | None = None
-    rollouts: Annotated[int, Field(strict=True, ge=0, le=1_000_000)] = ROLLOUTS
+    rollouts: Annotated[int, Field(strict=True, ge=0, le=1_000_000)] | None = None
     model: Model = "nonlinear"
     horizon_steps: Annotated[int, Field(strict=True, ge=1, le=96)] | None = None
 
