@@ -57,15 +57,20 @@ class Outcome:
     rss_kb: list[int] = field(default_factory=list)
 
 
+def free_port() -> int:
+    """Return a port of the loopback that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
 class Server:
     """``bess serve`` on the loopback, with a state of its own."""
 
     def __init__(self, folder: Path, n_strings: int, *options: str) -> None:
         study = folder / "study.toml"
         study.write_text(STUDY.format(n_strings=n_strings))
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = probe.getsockname()[1]
+        self.port = free_port()
         self.log = folder / "log"
         self._log = self.log.open("ab")
         arguments = [sys.executable, "-m", "bess", "serve", str(study), "--port", str(self.port)]

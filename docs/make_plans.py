@@ -70,12 +70,7 @@ def plan_lengths() -> list[list[str]]:
     for days in LENGTHS:
         plan = bess.plan_power(system, state, demand_kw(2, days))
         run = bess.PlantEnsemble(system, [state]).run(plan.request_kw.T[None], 900.0)
-        lost = (
-            3.0 * (run.availability_loss_kw + run.derating_loss_kw)
-            + run.inverter_loss_kw
-            + run.battery_loss_kw
-        )
-        cost = lost.sum(axis=(0, 2)).cumsum() / 4.0
+        cost = weighted_kw(run).sum(axis=(0, 2)).cumsum() / 4.0
         week = WEEK * STEPS_PER_DAY - 1
         store = f"{100.0 * run.soc[0, week].mean():.0f} %"
         rows.append([f"{days} days", f"{cost[week]:,.0f}", store, f"{cost[-1]:,.0f}"])
@@ -125,10 +120,14 @@ def costs_kwh(values: dict[str, Any]) -> tuple[float, float]:
     """Cost of the first week, and of the whole run."""
     study = expand(bess.load_study("arena"))["seven-days"].with_values(values)
     record = bess.run(study, progress=False).dataset
-    shortfall_kw = record["availability_loss_kw"] + record["derating_loss_kw"]
-    lost_kw = 3.0 * shortfall_kw + record["inverter_loss_kw"] + record["battery_loss_kw"]
-    cost = lost_kw.sum("string").cumsum("time").values / 4.0
+    cost = weighted_kw(record).sum("string").cumsum("time").values / 4.0
     return float(cost[WEEK * STEPS_PER_DAY - 1]), float(cost[-1])
+
+
+def weighted_kw(flows: Any) -> Any:
+    """Undelivered power three times, and losses, of a plant's flows or a record."""
+    shortfall_kw = flows.availability_loss_kw + flows.derating_loss_kw
+    return 3.0 * shortfall_kw + flows.inverter_loss_kw + flows.battery_loss_kw
 
 
 if __name__ == "__main__":

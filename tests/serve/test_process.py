@@ -18,7 +18,7 @@ pytest.importorskip("fastapi")
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 
-from service_load import Server, load
+from service_load import Server, free_port, load
 
 pytestmark = pytest.mark.process
 
@@ -92,32 +92,14 @@ def test_a_port_that_is_taken_is_bad_input(tmp_path: Path, capfd: pytest.Capture
 def test_a_service_that_is_refused_does_not_say_that_it_listens(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "bess",
-        "serve",
-        "case1",
-        "--port",
-        str(_free_port()),
-        "--state",
-        str(tmp_path),
-    ]
-    done = subprocess.run(
-        [*command, "--set", "system.parameters.control.step_min=5", "--set", "service.control_step_s=900"],
-        timeout=60.0,
-        check=False,
-    )
+    command = [sys.executable, "-m", "bess", "serve", "case1", "--port", str(free_port())]
+    command += ["--state", str(tmp_path), "--set", "system.parameters.control.step_min=5"]
+    command += ["--set", "service.control_step_s=900"]
+    done = subprocess.run(command, timeout=60.0, check=False)
     assert done.returncode == 2
     error = capfd.readouterr().err
     assert "must not exceed the plan's step" in error
     assert "listens at" not in error
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _serve(folder: Path, port: int, bytes_on_disk: int) -> subprocess.Popen[bytes]:
@@ -157,7 +139,7 @@ def test_a_service_on_a_full_disk_starts_controls_says_so_and_saves_once_there_i
     tmp_path: Path, before: str
 ) -> None:
     folder = tmp_path / "state"
-    port = _free_port()
+    port = free_port()
     answers = 0
     if before == "after a run":
         process = _serve(folder, port, resource.RLIM_INFINITY)
@@ -188,7 +170,7 @@ def test_a_service_on_a_full_disk_starts_controls_says_so_and_saves_once_there_i
 
 
 def test_a_service_whose_log_nobody_reads_goes_on_and_ends_when_told(tmp_path: Path) -> None:
-    port = _free_port()
+    port = free_port()
     command = [sys.executable, "-m", "bess", "serve", "policies", "--port", str(port)]
     command += ["--set", "policy.name=soc", "--state", str(tmp_path / "state")]
     process = subprocess.Popen(command, stderr=subprocess.PIPE)
