@@ -123,6 +123,23 @@ def test_a_link_is_whole_again_after_an_edge_that_trickled(
         assert [plant.holds(string)[0] for string in range(3)] == [20.0] * 3  # type: ignore[index]
 
 
+def test_a_link_survives_deadlines_at_every_moment_of_a_call(
+    connecting: Connecting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The pool of httpcore lost a connection now and then, and after four of them no write arrived any more.
+    plant = SimulatedPlant(bess.System.reference(n_strings=4))
+    with SimulatedEdge(plant) as edge:
+        link = connecting(edge.address, 4)
+        link.read()
+        with monkeypatch.context() as short:
+            for deadline_s in np.linspace(0.0005, 0.02, 200):
+                short.setattr(openems, "ANSWER_S", float(deadline_s))
+                with suppress(LinkError):
+                    link.write(np.full(4, 10.0))
+        link.write(np.full(4, 20.0))
+        assert [plant.holds(string)[0] for string in range(4)] == [20.0] * 4  # type: ignore[index]
+
+
 def test_32_strings_at_120_ms_a_call_are_all_written_in_one_round(connecting: Connecting) -> None:
     plant = SimulatedPlant(bess.System.reference(n_strings=MANY))
     with SimulatedEdge(plant) as edge:

@@ -146,15 +146,16 @@ class Link(StringLink[str]):
         self._calls = Calls()
         self._rounds: Rounds[str, bytes] = Rounds(LinkError)
         self._at_once = CONNECTIONS
-        self._client = httpx.AsyncClient(
-            base_url=address.url,
-            auth=(user, password) if password else None,
-            headers={"Accept-Encoding": "identity"},
-            timeout=None,  # each call has a total deadline
-            limits=httpx.Limits(max_connections=CONNECTIONS, keepalive_expiry=IDLE_S),
-            trust_env=False,  # no proxy between controller and plant
-            verify=ssl.create_default_context() if address.scheme == "https" else False,
-        )
+        self._client_options: dict[str, Any] = {
+            "base_url": address.url,
+            "auth": (user, password) if password else None,
+            "headers": {"Accept-Encoding": "identity"},
+            "timeout": None,  # each call has a total deadline
+            "limits": httpx.Limits(max_connections=CONNECTIONS, keepalive_expiry=IDLE_S),
+            "trust_env": False,  # no proxy between controller and plant
+            "verify": ssl.create_default_context() if address.scheme == "https" else False,
+        }
+        self._client = httpx.AsyncClient(**self._client_options)
         self._units_are_known = False
         self._watchdog = SharedWatchdog()
 
@@ -293,13 +294,20 @@ class Link(StringLink[str]):
     async def _call(self, method: str, path: str, body: object = None) -> bytes:
         where = f"{self._url}{path}"
         answer = bytearray()
+        client = self._client
         try:
-            async with self._client.stream(method, path, json=body) as response:
+            async with client.stream(method, path, json=body) as response:
                 async for chunk in response.aiter_raw():
                     answer += chunk
                     if len(answer) > _MAX_ANSWER:
                         raise LinkError(f"{where}: an answer of more than {_MAX_ANSWER} bytes")
                 status = response.status_code
+        except asyncio.CancelledError:
+            # The pool may never take back the connection of a cancelled call (encode/httpcore issue 830).
+            if client is self._client:
+                self._client = httpx.AsyncClient(**self._client_options)
+            await client.aclose()
+            raise
         except (httpx.HTTPError, OSError) as error:
             raise LinkError(f"{where}: cannot be reached ({error or type(error).__name__})") from error
         if status != httpx.codes.OK:
