@@ -112,13 +112,19 @@ def test_strings_set_points_reasons_and_curves_are_shown(
     paths = "return [...document.querySelectorAll(arguments[0])].map(p => p.getAttribute('d').length)"
     assert [length > 1000 for length in browser.execute_script(paths, "#string-power path")] == 3 * [True]
     assert [length > 1000 for length in browser.execute_script(paths, "#soc path")] == 3 * [True]
-    names = browser.find_element("id", "power-key").text
+    names = texts(browser, "#power-key")[0]
     assert "foreseen an hour before" in names
     assert "demand ahead, as on the day before" in names
     script = "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"
     wide, visible = browser.execute_script(script)
     assert wide <= visible
     assert [line for line in browser.get_log("browser") if line["level"] != "INFO"] == []
+
+
+def texts(browser: Any, selector: str) -> list[str]:
+    """Texts of all elements in one call, as the page may replace them between two."""
+    script = "return Array.from(document.querySelectorAll(arguments[0]), e => e.innerText || e.textContent)"
+    return list(browser.execute_script(script, selector))
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -130,14 +136,14 @@ def test_many_strings_are_ranges_and_the_outermost_by_name(browser: Any, width: 
     made.answer(measured(soc, temperature_c, available=fit), 900.0)
     for page in served(made, None):
         opened(browser, page, width, ".string p")
-        cards = [card.text for card in browser.find_elements("css selector", ".string")]
+        cards = texts(browser, ".string")
         assert len(browser.find_elements("css selector", ".tiles i")) == n
         assert len(cards) < 12
         for named, why in ((7, "out of service"), (20, "hottest"), (0, "emptiest"), (n - 1, "fullest")):
             assert any(f"string {named} " in card and why in card for card in cards), (named, cards)
-        said = browser.find_element("id", "because").text
+        said = texts(browser, "#because")[0]
         assert "out of service, says the plant – string 7 rests" in said
-        assert "left to discharge" in browser.find_element("id", "plant").text.lower()
+        assert "left to discharge" in texts(browser, "#plant")[0].lower()
         assert overlapping(browser) == []
         wide, visible = browser.execute_script(
             "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"
@@ -161,8 +167,8 @@ def test_the_axes_fit_a_minute_a_day_a_week(browser: Any, width: int, ago_s: flo
             button.click()
             time.sleep(0.3)
             assert overlapping(browser) == []
-            texts = [text.text for text in browser.find_elements("css selector", "#soc text")]
-            assert sum(":" in text or text[:3].isalpha() for text in texts) >= 2, texts
+            labels = texts(browser, "#soc text")
+            assert sum(":" in label or label[:3].isalpha() for label in labels) >= 2, labels
     made.close()
 
 
