@@ -26,7 +26,8 @@ class Misled:
     """Foresight that is told a share of what every later step will ask for."""
 
     def __init__(self, share: float) -> None:
-        planner = Planner(bess.load_system("unequal-4"), horizon_steps=96)
+        system = bess.load_system("unequal-4")
+        planner = Planner(system, outages("mpc").policy.steps_ahead(system.control))
         self._policy = PlannedPolicy(planner, bess.Objectives.energy(), SettlementTerms())
         self.statuses = self._policy.statuses
         self._share = share

@@ -67,8 +67,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         A file is invalid, or the parts of the study do not fit each other.
     """
     system = build_system(study.system, study.run, study.wear, system)
-    horizon = study.policy.steps_ahead(system.control)
-    setting = Setting(study.name, study.run, study.budget, study.settlement, system, horizon)
+    setting = Setting(study.name, study.run, study.budget, study.settlement, system)
     if setting.step_s != round(setting.step_s):
         raise InputError(
             f"{system.name}: control.step_min = {system.control.step_min:g}: must be whole seconds"
@@ -91,7 +90,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
     return Inputs(
         **vars(demand),
         system=system,
-        horizon_steps=setting.horizon,
+        horizon_steps=study.policy.steps_ahead(system.control),
         ambient_c=ambient,
         limit_kw=limits_of(study.event, system, grid),
         installations=Installations(system, study, grid),
@@ -156,10 +155,9 @@ def _reactive_of(choice: ReactiveSection, setting: Setting, grid: TimeGrid) -> R
         setting.note(f"reactive power: at a power factor of {choice.power_factor:g}")
         kvar_per_kw = np.sqrt(1.0 - choice.power_factor**2) / choice.power_factor
         return lambda step, demand_kw: np.asarray(np.abs(demand_kw) * kvar_per_kw)
-    wanted = grid.longer(setting.horizon)
     if choice.file is None:
         setting.note(f"reactive power: {choice.kvar:g} kvar")
-        return known_reactive(PerfectForecast(np.full(wanted.n_steps, choice.kvar)))
+        return known_reactive(PerfectForecast(np.full(grid.n_steps, choice.kvar)))
     read = read_profile(
         choice.file,
         column=choice.column,
@@ -170,7 +168,6 @@ def _reactive_of(choice: ReactiveSection, setting: Setting, grid: TimeGrid) -> R
         fill=choice.fill,
     )
     series = setting.series_of(read, choice.file, "reactive.file", "reactive.repeat")
-    values = series.laid(grid, wanted, repeat=choice.repeat)
-    in_run = values[: grid.n_steps]
-    setting.note(f"reactive power: {choice.file}, {in_run.min():g} to {in_run.max():g} kvar", series)
+    values = series.laid(grid, repeat=choice.repeat)
+    setting.note(f"reactive power: {choice.file}, {values.min():g} to {values.max():g} kvar", series)
     return known_reactive(forecast_of(choice.forecast, values, grid.dt_h))

@@ -107,10 +107,6 @@ class TimeGrid:
             firsts.append(-(-later_s // self.step_s))
         return np.array(firsts)
 
-    def longer(self, n_steps: int) -> TimeGrid:
-        """Return this grid extended by ``n_steps`` steps."""
-        return TimeGrid(self.start_s, self.step_s, self.n_steps + n_steps)
-
     def earlier(self, n_steps: int) -> TimeGrid:
         """Return this grid with ``n_steps`` steps before it."""
         return TimeGrid(self.start_s - self.step_s * n_steps, self.step_s, self.n_steps + n_steps)
@@ -184,21 +180,15 @@ class SampledSeries:
             )
         return steps * step_s / _S_PER_DAY
 
-    def on(self, grid: TimeGrid, *, whole: bool = True) -> NDArray[np.float64]:
+    def on(self, grid: TimeGrid) -> NDArray[np.float64]:
         """Return the mean over each step of ``grid``; each value is held until the next.
-
-        Parameters
-        ----------
-        whole
-            Whether a series that ends before the grid is an error; otherwise the result is shorter.
 
         Raises
         ------
         InputError
-            The series does not cover the first step of the grid, or, if ``whole``, all of them.
+            The series does not cover all steps of the grid.
         """
-        n_steps = min(grid.n_steps, (self.end_s - grid.start_s) // grid.step_s)
-        if not self.start_s <= grid.start_s < self.end_s or (whole and n_steps < grid.n_steps):
+        if not self.start_s <= grid.start_s <= grid.end_s <= self.end_s:
             # A series repeats after its end, not always before its start.
             repeats = self.repeat_key is not None and self.start_s <= grid.start_s
             repeat = f", or {self.repeat_key} = true" if repeats else ""
@@ -208,30 +198,21 @@ class SampledSeries:
             )
         # The integral of a held series is piecewise linear: its differences are exact means for any steps.
         knots = self.start_s + self.step_s * np.arange(self.values.size + 1)
-        edges = grid.start_s + grid.step_s * np.arange(n_steps + 1)
+        edges = grid.start_s + grid.step_s * np.arange(grid.n_steps + 1)
         if self.step_s % grid.step_s == 0 and (grid.start_s - self.start_s) % grid.step_s == 0:
             return self.values[(edges[:-1] - self.start_s) // self.step_s]
         integral = np.concatenate([[0.0], np.cumsum(self.values * self.step_s)])
         return np.asarray(np.diff(np.interp(edges, knots, integral)) / grid.step_s)
 
-    def laid(self, grid: TimeGrid, longer: TimeGrid, *, repeat: bool) -> NDArray[np.float64]:
-        """Return the means over the steps of ``grid`` and, where available, of ``longer`` after it.
-
-        Parameters
-        ----------
-        grid, longer
-            Required time grid, and its optional continuation.
-        repeat
-            Whether the series repeats without end, before its start as well.
-        """
-        if repeat:
-            period_s = self.end_s - self.start_s
-            begun_s = (grid.start_s - self.start_s) % period_s
-            periods = -((grid.start_s - begun_s - longer.end_s) // period_s)
-            values, start_s = np.tile(self.values, periods), grid.start_s - begun_s
-            return replace(self, values=values, start_s=start_s).on(longer)
-        self.on(grid)
-        return self.on(longer, whole=False)
+    def laid(self, grid: TimeGrid, *, repeat: bool) -> NDArray[np.float64]:
+        """Return the means over the steps of ``grid``; with ``repeat`` the series has no start or end."""
+        if not repeat:
+            return self.on(grid)
+        period_s = self.end_s - self.start_s
+        begun_s = (grid.start_s - self.start_s) % period_s
+        periods = -((grid.start_s - begun_s - grid.end_s) // period_s)
+        values, start_s = np.tile(self.values, periods), grid.start_s - begun_s
+        return replace(self, values=values, start_s=start_s).on(grid)
 
 
 def _span(part: TimeGrid | SampledSeries) -> str:

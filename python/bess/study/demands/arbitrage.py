@@ -167,7 +167,7 @@ class ArbitrageDemand(DemandSection):
         connection, fee_eur_mwh = None, 0.0
         series: dict[str, Array] = {}
         if self.meter is not None:
-            site = site_of(self.meter, setting, 0, grid)
+            site = site_of(self.meter, setting, grid)
             fee_eur_mwh = self.meter.import_fee_eur_mwh
             connection = GridConnection(
                 site.forecast,

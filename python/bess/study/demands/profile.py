@@ -53,12 +53,10 @@ class ProfileDemand(DemandSection):
             fill=self.fill,
         )
         grid = setting.grid_of(series)
-        # A forecast may extend beyond the end of the run, to the end of the profile.
-        values = series.laid(grid, grid.longer(setting.horizon), repeat=self.repeat)
-        asked = values[: grid.n_steps]
-        setting.note(f"demand: {series.what}, {asked.min():g} to {asked.max():g} kW", series)
+        values = series.laid(grid, repeat=self.repeat)
+        setting.note(f"demand: {series.what}, {values.min():g} to {values.max():g} kW", series)
         nominal_kw = setting.system.nominal_kw.sum()
-        if above := int((np.abs(asked) > nominal_kw * (1.0 + 1e-9)).sum()):
+        if above := int((np.abs(values) > nominal_kw * (1.0 + 1e-9)).sum()):
             setting.note(f"demand is above the {nominal_kw:g} kW of the plant in {above} steps (unmet)")
         return RunDemand(grid, ProfileSource(forecast_of(self.forecast, values, grid.dt_h)))
 

@@ -76,7 +76,7 @@ class SiteDemand(MeterSection, DemandSection):
 
     def build(self, setting: Setting) -> RunDemand:
         """See :class:`~bess.study.demands.source.DemandSection`."""
-        site = site_of(self, setting, setting.horizon)
+        site = site_of(self, setting)
         grid, store = site.grid, StorageEstimator(setting.system, self.efficiency)
         power_kw = float(setting.system.nominal_kw.sum())
         capacity_kwh = store.capacity_kwh(setting.system.initial_state(), self.ready_soc)
@@ -194,7 +194,7 @@ class Site:
     grid : TimeGrid
         Control steps of the run.
     net_kw : ndarray
-        Load minus generation of the run and, as far as known, of one horizon after its end.
+        Load minus generation.
     forecast : Forecast
         Forecast of ``net_kw``.
     tariff : PeakTariff or None
@@ -210,7 +210,7 @@ class Site:
     series: dict[str, Array]
 
 
-def site_of(meter: MeterSection, setting: Setting, horizon: int, grid: TimeGrid | None = None) -> Site:
+def site_of(meter: MeterSection, setting: Setting, grid: TimeGrid | None = None) -> Site:
     """Read load and generation; without ``grid``, the load determines the time span of the run."""
     place = "demand" if grid is None else "demand.meter"
     power_kw: dict[str, Array] = {}
@@ -233,12 +233,11 @@ def site_of(meter: MeterSection, setting: Setting, horizon: int, grid: TimeGrid 
         low, high = given.values.min(), given.values.max()
         setting.note(f"{key}: {given.what}, {low:.4g} to {high:.4g} kW", given)
         grid = grid or setting.grid_of(given)
-        power_kw[key] = given.laid(grid, grid.longer(horizon), repeat=meter.repeat)
+        power_kw[key] = given.laid(grid, repeat=meter.repeat)
     assert grid is not None
     n = grid.n_steps
-    known = min([n + horizon, *(each.size for each in power_kw.values())])
-    load_kw, pv_kw = (power_kw.get(key, np.zeros(known))[:known] for key in ("load", "pv"))
-    series = {"load_kw": load_kw[:n], "generation_kw": pv_kw[:n]}
+    load_kw, pv_kw = (power_kw.get(key, np.zeros(n)) for key in ("load", "pv"))
+    series = {"load_kw": load_kw, "generation_kw": pv_kw}
     tariff = None
     if meter.peak_eur_kw_month is not None:
         tariff = _tariff(meter.peak_eur_kw_month, meter.billing_time_zone, grid, place)

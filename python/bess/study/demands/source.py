@@ -92,8 +92,6 @@ class Setting:
         Settlement terms.
     system : System
         The plant.
-    horizon : int
-        Prediction horizon of the policy [steps].
     files : list of Path
         Files read so far.
     notes : list of str
@@ -105,7 +103,6 @@ class Setting:
     budget: BudgetSection
     terms: SettlementTerms
     system: System
-    horizon: int
     files: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
