@@ -322,6 +322,23 @@ def test_a_run_that_starts_within_a_repeated_profile_takes_it_up_there(first: in
     np.testing.assert_array_equal(demand_kw, (first + np.arange(48)) % 192 / 4.0)
 
 
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("case1", {"demand.repeat": True}),
+        ("case1", {"run.days": 1}),  # of a profile of two days
+        ("peak-shaving", {"demand.repeat": True}),
+        ("self-consumption", {"run.days": 1}),
+        ("fcr", {}),
+    ],
+)
+def test_a_run_ends_what_is_foreseen(name: str, values: dict[str, Any]) -> None:
+    inputs = prepare(bess.load_study(name, values))
+    now = StepInputs(inputs.system.initial_state(), inputs.limit_kw[0], inputs.ambient_c)
+    last = inputs.grid.n_steps - 1
+    assert not inputs.demand.ahead(last, 8, now)[1:].any()
+
+
 def test_prices_beside_a_reserve_do_not_repeat_and_no_remedy_says_so(tmp_path: Path) -> None:
     times = pd.date_range("2024-01-01", periods=24, freq="h", tz="UTC", name="time")
     pd.DataFrame({"price": np.arange(24.0)}, index=times).to_csv(tmp_path / "prices.csv")

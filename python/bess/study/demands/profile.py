@@ -62,7 +62,7 @@ class ProfileDemand(DemandSection):
 
 
 class ProfileSource(DemandSource):
-    """A known series; the demand after its end is zero."""
+    """A known series; the demand after the end of the run is zero."""
 
     def __init__(self, forecast: Forecast) -> None:
         self._forecast = forecast

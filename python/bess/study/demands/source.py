@@ -219,7 +219,7 @@ class DemandSource(Checkpointed, ABC):
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """Return the demand [kW] of ``step`` (binding) and the forecast of the next ones, ``(horizon,)``.
 
-        Called once for each step, in order.
+        Called once for each step, in order. After the last step of the run the forecast is zero.
         """
 
     def planned(self, step: int) -> dict[str, float]:
