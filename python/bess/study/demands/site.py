@@ -117,7 +117,7 @@ class PeakShavingDemand(SiteDemand):
         n_steps = site.grid.n_steps
         if self.limit_kw is None:
             target_kw = min_peak_kw(
-                site.net_kw[:n_steps],
+                site.net_kw,
                 site.grid.dt_h,
                 power_kw=target.power_kw,
                 capacity_kwh=target.capacity_kwh,
