@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import sys
 import threading
 import time
@@ -19,6 +18,7 @@ pytest.importorskip("fastapi")
 import uvicorn
 
 sys.path.append(str(Path(__file__).parents[1] / "serve"))
+sys.path.append(str(Path(__file__).parents[2] / "benches"))
 from live_cases import measured
 
 from bess.edge.serve.app import build_app
@@ -26,6 +26,7 @@ from bess.edge.serve.control_loop import ControlLoop
 from bess.edge.serve.gate import Connection
 from bess.edge.serve.service import Service
 from bess.study import load_study
+from service_load import free_port
 
 pytestmark = pytest.mark.browser
 
@@ -49,9 +50,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 
 def served(service: Service, token: str | None, driven: ControlLoop | None = None) -> Iterator[str]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     app = build_app(service, token, driven)
     config = uvicorn.Config(app, http=Connection, port=port, log_config=None, ws="none")
     server = uvicorn.Server(config)

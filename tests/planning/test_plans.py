@@ -14,7 +14,7 @@ from bess.control.planning.planner import (
     FIRST_STEP_WEIGHT,
     SHORTFALL_DISCOUNT_TIME_H,
     TERMINAL_VALUE_FACTOR,
-    typical_rollouts,
+    rollouts_of,
 )
 from bess.control.policies import PolicyInput, Settings, build_policy
 from bess.system.terms import SettlementTerms
@@ -151,7 +151,7 @@ def test_a_plan_that_nothing_new_was_found_for_is_not_searched_for_long() -> Non
             carried | {"plan_kw": np.roll(planner.state_dict()["plan_kw"], 1, axis=1), "turn": turn}
         )
         spent.append(problem.plan(planner).rollouts)
-    assert max(spent[3:]) < typical_rollouts(2) / 2
+    assert max(spent[3:]) < rollouts_of(2) / 2
     other = Case(
         problem.system, bess.State([0.9, 0.05], [25.0, 40.0]), demand, problem.limit_kw, problem.prices
     )

@@ -1,26 +1,23 @@
 """``bess demo-plant`` as a stranger starts it."""
 
 import signal
-import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from plant_partners import Connecting
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
+from service_load import free_port
+
 pytestmark = pytest.mark.process
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.mark.parametrize("kind", ["openems", "sunspec"])
 def test_it_says_how_to_drive_it_and_is_driven(connecting: Connecting, kind: str) -> None:
-    command = [sys.executable, "-m", "bess", "demo-plant", "--kind", kind, "--port", str(_free_port())]
+    command = [sys.executable, "-m", "bess", "demo-plant", "--kind", kind, "--port", str(free_port())]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None

@@ -1,7 +1,6 @@
 """A plant, and ``bess serve`` as a process of its own that drives it, is killed, and comes back."""
 
 import signal
-import socket
 import socketserver
 import subprocess
 import sys
@@ -18,6 +17,9 @@ import bess
 from bess.edge.plant_io.journal import open_journal
 from bess.edge.plant_io.simulated import SimulatedPlant
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
+from service_load import free_port
 
 pytestmark = pytest.mark.process
 
@@ -36,15 +38,9 @@ follow_profile = true
 """
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def _serve(address: str, *options: str) -> tuple[str, ...]:
     drive = ("serve", "study.toml", "--plant", address, "--token-file", "token")
-    return (*drive, *options, "--port", str(_free_port()))
+    return (*drive, *options, "--port", str(free_port()))
 
 
 @contextmanager
@@ -110,7 +106,7 @@ def test_a_service_that_is_killed_drives_on_when_it_is_back_and_lets_go_when_tol
 
 
 def test_one_command_shows_a_plant_and_the_service_that_drives_it(folder: Path) -> None:
-    demo = ("demo-plant", "study.toml", "--serve", "--kind", "sunspec", "--port", str(_free_port()))
+    demo = ("demo-plant", "study.toml", "--serve", "--kind", "sunspec", "--port", str(free_port()))
     with _bess(folder, *demo) as process:
         log = folder / "log"
         journal = folder / "results" / "study-demo" / "journal"

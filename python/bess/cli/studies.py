@@ -7,7 +7,7 @@ from typing import Final
 
 from bess._core import ageing_models
 from bess.control.planning.groups import MIN_GROUPS
-from bess.control.planning.planner import BOUND_STEPS, typical_rollouts
+from bess.control.planning.planner import BOUND_STEPS, rollouts_of
 from bess.control.policies import POLICIES, plug_ins
 from bess.errors import InputError, placed
 from bess.simulation.inputs import Inputs, prepare
@@ -76,8 +76,7 @@ def _seconds(study: Study, inputs: Inputs) -> float:
     bounds = 0.0
     if study.policy.name == "mpc" and study.policy.plans:
         planned = min(n_strings, MIN_GROUPS)
-        rollouts = study.policy.rollouts
-        rollouts = typical_rollouts(n_strings) if rollouts is None else rollouts
+        rollouts = rollouts_of(n_strings, study.policy.rollouts)
         each_step += _RESTARTS * rollouts * planned * ahead * _ROLLOUT_S
         if n_strings > MIN_GROUPS:
             each_step += n_strings * ahead * _SHARED_S

@@ -188,7 +188,7 @@ class SampledSeries:
         InputError
             The series does not cover all steps of the grid.
         """
-        if not self.start_s <= grid.start_s <= grid.end_s <= self.end_s:
+        if grid.start_s < self.start_s or grid.end_s > self.end_s:
             # A series repeats after its end, not always before its start.
             repeats = self.repeat_key is not None and self.start_s <= grid.start_s
             repeat = f", or {self.repeat_key} = true" if repeats else ""

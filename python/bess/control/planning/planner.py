@@ -57,9 +57,9 @@ MAX_STEPS = 48 * 60
 """Maximum number of steps of a plan: two days of one-minute steps."""
 
 
-def typical_rollouts(n_strings: int) -> int:
-    """Roll-outs of a call for a plant of so many strings."""
-    return min(max(MIN_ROLLOUTS, ROLLOUTS_PER_STRING * n_strings), MAX_ROLLOUTS)
+def rollouts_of(n_strings: int, given: int | None = None) -> int:
+    """Roll-outs of a call: as given, or by default those for a plant of so many strings."""
+    return min(max(MIN_ROLLOUTS, ROLLOUTS_PER_STRING * n_strings), MAX_ROLLOUTS) if given is None else given
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +148,7 @@ class Planner(Checkpointed):
         Length of a step [h].
     rollouts : int, optional
         Effort of a call, in roll-outs of all strings over the whole plan; by default that of
-        :func:`typical_rollouts`.
+        :func:`rollouts_of`.
     balance : float
         Price of SOC differences [1/h]. The cost per hour is this price x (fill of the string - fill of the
         plant)^2 x nominal energy x mean price of losses; the fill is a share of the SOC window. It applies
@@ -187,7 +187,7 @@ class Planner(Checkpointed):
         exact_forecast: bool = False,
     ) -> None:
         check_horizon(system, horizon_steps, dt_h, MAX_STEPS)
-        rollouts = typical_rollouts(system.n_strings) if rollouts is None else rollouts
+        rollouts = rollouts_of(system.n_strings, rollouts)
         if rollouts < 0:
             raise InputError(f"rollouts = {rollouts}: must be >= 0")
         self.system = system

@@ -22,6 +22,7 @@ import ssl
 import time
 from collections.abc import Coroutine, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any, Final, TypeVar
 
 import httpx
@@ -146,16 +147,17 @@ class Link(StringLink[str]):
         self._calls = Calls()
         self._rounds: Rounds[str, bytes] = Rounds(LinkError)
         self._at_once = CONNECTIONS
-        self._client_options: dict[str, Any] = {
-            "base_url": address.url,
-            "auth": (user, password) if password else None,
-            "headers": {"Accept-Encoding": "identity"},
-            "timeout": None,  # each call has a total deadline
-            "limits": httpx.Limits(max_connections=CONNECTIONS, keepalive_expiry=IDLE_S),
-            "trust_env": False,  # no proxy between controller and plant
-            "verify": ssl.create_default_context() if address.scheme == "https" else False,
-        }
-        self._client = httpx.AsyncClient(**self._client_options)
+        self._new_client = partial(
+            httpx.AsyncClient,
+            base_url=address.url,
+            auth=(user, password) if password else None,
+            headers={"Accept-Encoding": "identity"},
+            timeout=None,  # each call has a total deadline
+            limits=httpx.Limits(max_connections=CONNECTIONS, keepalive_expiry=IDLE_S),
+            trust_env=False,  # no proxy between controller and plant
+            verify=ssl.create_default_context() if address.scheme == "https" else False,
+        )
+        self._client = self._new_client()
         self._units_are_known = False
         self._watchdog = SharedWatchdog()
 
@@ -305,7 +307,7 @@ class Link(StringLink[str]):
         except asyncio.CancelledError:
             # The pool may never take back the connection of a cancelled call (encode/httpcore issue 830).
             if client is self._client:
-                self._client = httpx.AsyncClient(**self._client_options)
+                self._client = self._new_client()
             await client.aclose()
             raise
         except (httpx.HTTPError, OSError) as error:
