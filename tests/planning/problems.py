@@ -74,10 +74,9 @@ def case(seed: int, n_strings: int, n_steps: int) -> Case:
     return Case(system, state, demand, limit, PlanPrices.energy(ENERGY, n_strings, n_steps))
 
 
-def by_hand(case: Case, request_kw: Array, certainty: Array, end_eur_ah: float = 0.0) -> float:
+def by_hand(case: Case, request_kw: Array, end_eur_ah: float = 0.0) -> float:
     """Cost of a schedule without a price of balance, from a roll-out of the control model."""
     roll = bess.rollout(case.system, case.state, request_kw, DT_H, model="midpoint")
-    weight = np.stack([certainty, certainty, np.ones_like(certainty), np.ones_like(certainty)])
     losses = [
         roll.availability_loss_kw,
         roll.derating_loss_kw,
@@ -85,8 +84,7 @@ def by_hand(case: Case, request_kw: Array, certainty: Array, end_eur_ah: float =
         roll.battery_loss_kw,
     ]
     cost = sum(
-        float((price * certain * loss).sum()) * DT_H
-        for price, certain, loss in zip(case.prices.losses.T, weight, losses, strict=True)
+        float((price * loss).sum()) * DT_H for price, loss in zip(case.prices.losses.T, losses, strict=True)
     )
     battery = [string.battery for string in case.system.strings]
     full_or_empty = np.array([b.soc_max if end_eur_ah < 0.0 else b.soc_min for b in battery])

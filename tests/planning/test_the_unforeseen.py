@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from datetime import timedelta
 from typing import Any
 
+import numpy as np
 import pytest
 
 import bess
@@ -63,6 +65,38 @@ def test_outages_and_limits_that_nobody_foresaw_cost_no_more_than_under_soc(
     assert cost_kwh(kpis) < cost_kwh(soc)
     # Which string fails is luck: up to a thousandth of the demand.
     assert kpis["delivered_kwh"] >= 0.999 * soc["delivered_kwh"]
+
+
+def drawn(seed: int, forecast: str) -> dict[str, Any]:
+    """Three days: which two strings fail, when and for how long, the demand and the SOC are random."""
+    rng = np.random.default_rng(seed)
+    start = outages("soc").run.start
+    assert start is not None
+    begins = [start + timedelta(hours=int(hour)) for hour in rng.integers(1, 40, 2)]
+    events = [
+        {"string": int(string), "start": begin, "end": begin + timedelta(hours=int(hours))}
+        for string, begin, hours in zip(rng.permutation(4), begins, rng.integers(4, 25, 2), strict=False)
+    ]
+    return {
+        "run.days": 3,
+        "demand.scale": float(rng.uniform(0.7, 1.6)),
+        "demand.forecast": forecast,
+        "system.initial_soc": rng.uniform(0.25, 0.75, 4).tolist(),
+        "event": events,
+    }
+
+
+@pytest.mark.parametrize("forecast", ["perfect", "persistence"])
+def test_in_the_mean_of_random_outages_mpc_costs_a_fifth_less_and_delivers_more_than_soc(
+    forecast: str,
+) -> None:
+    """Which string fails is luck, so the claim is one of the mean: -34 % and -28 % over 24 other draws."""
+    runs = [
+        [bess.run(outages(name, **drawn(seed, forecast)), progress=False).kpis for name in ("mpc", "soc")]
+        for seed in range(8)
+    ]
+    assert np.mean([cost_kwh(mpc) / cost_kwh(soc) for mpc, soc in runs]) < 0.8
+    assert sum(mpc["delivered_kwh"] - soc["delivered_kwh"] for mpc, soc in runs) > 0.0
 
 
 @pytest.mark.parametrize("share", [0.8, 1.2])

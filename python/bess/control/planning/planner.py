@@ -19,9 +19,8 @@ from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.system import State, System
 
-MIN_ROLLOUTS, ROLLOUTS_PER_STRING, MAX_ROLLOUTS = 90, 22, 352
-"""Roll-outs of a call, unless given. Over eight weeks of two reference strings, 40 roll-outs cost 0.3 % more
-and 300 cost 0.2 % less than 90. More strings have more pairs to improve (docs/foresight.md)."""
+MIN_ROLLOUTS, ROLLOUTS_PER_STRING, MAX_ROLLOUTS = 180, 22, 352
+"""Roll-outs of a call, unless given. More strings have more pairs to improve (docs/foresight.md)."""
 RESTART_ROLLOUTS = 600
 """Maximum roll-outs for the schedule of each rule at a cold start or restart; at most four times those of a
 call."""
@@ -39,18 +38,14 @@ over-values stored energy, because future scarcity is uncertain."""
 SOC_BALANCING_PER_H = 0.001
 """Price of SOC differences [1/h], see :class:`Planner`. Without it the SOC of the strings diverges, and a
 failed string or a forecast error leaves too little power."""
-SHORTFALL_DISCOUNT_TIME_H = 300.0
-"""Time constant of the discount on undelivered energy [h]: the forecast of distant steps is uncertain."""
 FIRST_STEP_WEIGHT = 1.1
-"""Weight of undelivered energy in the current step, relative to the next step: energy that can be delivered
-now is kept for later only if this reduces the cost."""
+"""Weight of undelivered energy in the current step, relative to later ones. At equal weights a plan may keep
+energy that it can deliver now for a later step that may not need it."""
 FORECAST_ERROR_BALANCING_PER_H = 0.1
 """Increase of the price of SOC differences [1/h] at a forecast error of 1 (see
 :class:`bess.control.planning.forecast_error.ForecastErrorTracker`)."""
 FORECAST_ERROR_DISCOUNT_TIME_H = 5.0
-"""Time constant of the additional discount on undelivered energy at a forecast error of 1 [h]."""
-FORECAST_ERROR_FIRST_STEP_WEIGHT = 1.0
-"""Increase of :data:`FIRST_STEP_WEIGHT` at a forecast error of 1."""
+"""Time constant of the discount on later undelivered energy at a forecast error of 1 [h]."""
 ROUNDING = 1e-9
 """Relative difference of a cost and its bound that is due to rounding."""
 MAX_STEPS = 48 * 60
@@ -158,8 +153,8 @@ class Planner(Checkpointed):
         the bound are then starting points of the plan.
     proof_cells : int
         SOC cells of the proven bound; the computing time grows with their third power.
-    exact_forecast : bool
-        Whether the forecast is exact; undelivered energy is then not discounted.
+    first_step_weight : float
+        Weight of undelivered energy in the current step, relative to later ones.
 
     Attributes
     ----------
@@ -184,7 +179,7 @@ class Planner(Checkpointed):
         balance: float = SOC_BALANCING_PER_H,
         bound_passes: int = BOUND_PASSES,
         proof_cells: int = PROOF_CELLS,
-        exact_forecast: bool = False,
+        first_step_weight: float = FIRST_STEP_WEIGHT,
     ) -> None:
         check_horizon(system, horizon_steps, dt_h, MAX_STEPS)
         rollouts = rollouts_of(system.n_strings, rollouts)
@@ -197,7 +192,7 @@ class Planner(Checkpointed):
         self._balance = balance
         self.bound_passes = int(bound_passes)
         self._proof_cells = proof_cells
-        self._exact_forecast = exact_forecast
+        self._first_step_weight = first_step_weight
         self._forecast_error = ForecastErrorTracker(system.nominal_kw, dt_h)
         self.plan_kw: Array | None = None
         self._groups: NDArray[np.int64] | None = None
@@ -317,14 +312,11 @@ class Planner(Checkpointed):
         return (self._balance + FORECAST_ERROR_BALANCING_PER_H * error) * kwh_per_ah
 
     def _shortfall_weights(self) -> Array:
-        """Weights of the four losses, shape (n_steps, 4); later undelivered energy has a lower weight."""
-        if self._exact_forecast:
-            return np.ones((self.horizon_steps, 4))
+        """Weights of the four losses, shape (n_steps, 4)."""
         error = self._forecast_error.relative_error
         hours = np.arange(self.horizon_steps) * self.dt_h
-        rate_per_h = 1.0 / SHORTFALL_DISCOUNT_TIME_H + error / FORECAST_ERROR_DISCOUNT_TIME_H
-        shortfall = np.exp(-hours * rate_per_h)
-        shortfall[0] *= FIRST_STEP_WEIGHT + FORECAST_ERROR_FIRST_STEP_WEIGHT * error
+        shortfall = np.exp(-hours * error / FORECAST_ERROR_DISCOUNT_TIME_H)
+        shortfall[0] = self._first_step_weight
         weights = np.ones((self.horizon_steps, 4))
         weights[:, :2] = shortfall[:, None]
         return weights

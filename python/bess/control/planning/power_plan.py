@@ -36,7 +36,7 @@ def planner_of_known_demand(
         balance=0.0,
         bound_passes=bound_passes,
         proof_cells=proof_cells,
-        exact_forecast=True,
+        first_step_weight=1.0,
     )
 
 

@@ -13,15 +13,15 @@ from bess.system.quantities import within
 from bess.system.sections import Control
 from bess.system.terms import SettlementTerms
 
-DEFAULT_FORESIGHT_H = 24.0
-"""One day: the longest period of most demands, slightly above the thermal time constant of a string."""
+DEFAULT_FORESIGHT_H = 30.0
+"""A day, the longest period of most demands, and six hours: the end of a plan hardly matters at its start."""
 
 
 class PolicySection(SplitSettings):
     """Section ``[policy]`` of a study: policy, objectives of ``mpc`` and its stopping criteria.
 
     In ``mode`` ``"plan"``, objectives of kind ``energy`` (the default) and ``money`` (the default in studies
-    with prices) are planned over ``foresight_h``, 24 hours by default, with ``rollouts`` for the effort of
+    with prices) are planned over ``foresight_h``, 30 hours by default, with ``rollouts`` for the effort of
     each step (:class:`bess.control.planning.Planner`). In ``mode`` ``"certified"``, the next
     ``horizon_steps`` are split with a certificate: ``gap``, ``node_limit`` and ``time_limit_s`` are settings
     of :class:`bess.PowerSplit`. A study without a mode plans, unless its other keys are those of a certified

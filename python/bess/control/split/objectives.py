@@ -20,8 +20,8 @@ weight raises the objective by up to 0.3 % on hot states."""
 
 SHORTFALL: Final = 3.0
 """Weight of undelivered energy relative to losses [kWh/kWh]."""
-START_KWH: Final = 0.1
-"""Cost of an inverter start [kWh of losses]."""
+START_KWH: Final = 0.15
+"""Cost of an inverter start [kWh of losses]; up to this price fewer starts cost no energy."""
 
 Kind = Literal["paper", "energy", "money"]
 Normalisation = Literal["constant", "payoff", "energy"]
@@ -101,7 +101,7 @@ class Objectives(Choice):
     shortfall : float or None
         Weight of undelivered energy over losses; kind ``"energy"`` only, 3 by default.
     start_kwh : float or None
-        Cost of an inverter start in plans [kWh of losses]; kind ``"energy"`` only, 0.1 by default. A
+        Cost of an inverter start in plans [kWh of losses]; kind ``"energy"`` only, 0.15 by default. A
         certified split ignores it, because its horizon is short.
     normalisation : {"constant", "payoff", "energy"}
         Divisor of each loss. ``"constant"``: its value at nominal power on every string and step, so that a
