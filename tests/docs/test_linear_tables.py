@@ -39,7 +39,7 @@ def test_no_controller_at_any_step_loses_clearly_less_than_a_plan_of_a_day_every
     for service in make_linear.SAME_DEMAND:
         planned = make_linear.lost_pct(numbers[f"{service} 15 nonlinear"])
         others = [make_linear.lost_pct(entry) for name, entry in numbers.items() if name.startswith(service)]
-        assert planned <= min(others) + 0.05
+        assert planned <= min(others) + 0.075
 
 
 def test_at_a_minute_the_certified_split_is_behind_the_linear_controller_in_three_services() -> None:

@@ -241,7 +241,7 @@ def test_a_planned_run_says_how_far_its_plans_may_be_from_the_best(tmp_path: Pat
     """Of plans that were bounded: no effort of a certified split is drawn, and none of its gaps stated."""
     planned(tmp_path / "run")
     runs = runs_in(tmp_path / "run")[0]
-    assert summary(runs)[-1].startswith("Every step was planned over 24 h. No plan has a bound.")
+    assert summary(runs)[-1].startswith("Every step was planned over 30 h. No plan has a bound.")
     (run,) = runs.values()
     for name, gap in (("solver_gap", 0.25), ("solver_search_gap", 0.015)):
         run.dataset[name][0] = gap
@@ -287,7 +287,7 @@ def test_a_comparison_says_which_runs_were_planned_and_how_far(tmp_path: Path) -
     write_run(tmp_path / "set" / "split", record(2, 96), "split")
     said = [sentence for sentence in summary(runs_in(tmp_path / "set")[0]) if "planned" in sentence]
     assert [sentence.split(".")[0] for sentence in said] == [
-        "day: every step was planned over 24 h",
+        "day: every step was planned over 30 h",
         "short: every step was planned over 6 h",
     ]
 
