@@ -170,7 +170,7 @@ def test_check_runs_nothing_and_says_what_it_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mode", "said"), [("certified", "certified over 2 h"), ("plan", "planned over 24 h, not certified")]
+    ("mode", "said"), [("certified", "certified over 2 h"), ("plan", "planned over 30 h, not certified")]
 )
 def test_check_says_how_far_the_optimiser_looks_and_whether_it_certifies(mode: str, said: str) -> None:
     kind = ["--set", "policy.objectives.kind=energy"]
