@@ -74,8 +74,12 @@ def case(seed: int, n_strings: int, n_steps: int) -> Case:
     return Case(system, state, demand, limit, PlanPrices.energy(ENERGY, n_strings, n_steps))
 
 
-def by_hand(case: Case, request_kw: Array, end_eur_ah: float = 0.0) -> float:
+def by_hand(
+    case: Case, request_kw: Array, end_eur_ah: float = 0.0, *, first_step_weight: float = 1.0
+) -> float:
     """Cost of a schedule without a price of balance, from a roll-out of the control model."""
+    prices = case.prices.losses.copy()
+    prices[0, :2] *= first_step_weight
     roll = bess.rollout(case.system, case.state, request_kw, DT_H, model="midpoint")
     losses = [
         roll.availability_loss_kw,
@@ -83,9 +87,7 @@ def by_hand(case: Case, request_kw: Array, end_eur_ah: float = 0.0) -> float:
         roll.inverter_loss_kw,
         roll.battery_loss_kw,
     ]
-    cost = sum(
-        float((price * loss).sum()) * DT_H for price, loss in zip(case.prices.losses.T, losses, strict=True)
-    )
+    cost = sum(float((price * loss).sum()) * DT_H for price, loss in zip(prices.T, losses, strict=True))
     battery = [string.battery for string in case.system.strings]
     full_or_empty = np.array([b.soc_max if end_eur_ah < 0.0 else b.soc_min for b in battery])
     return cost + end_eur_ah * float((case.system.capacity_ah * (roll.soc[:, -1] - full_or_empty)).sum())

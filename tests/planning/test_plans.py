@@ -10,11 +10,12 @@ from problems import DT_H, ENERGY, ROUNDING, Case, by_hand, case, differing
 
 import bess
 from bess.control.planning import Plan, Planner, PlanPrices
-from bess.control.planning.planner import TERMINAL_VALUE_FACTOR, rollouts_of
+from bess.control.planning.planner import FIRST_STEP_WEIGHT, TERMINAL_VALUE_FACTOR, rollouts_of
 from bess.control.policies import PolicyInput, Settings, build_policy
 from bess.system.terms import SettlementTerms
 
 SEEDS = st.integers(0, 2**32 - 1)
+NOW = {"first_step_weight": FIRST_STEP_WEIGHT}
 
 
 @settings(max_examples=25, deadline=None)
@@ -44,17 +45,17 @@ def test_the_cost_of_a_plan_is_that_of_a_roll_out_and_never_above_the_plan_carri
     seed: int, n_strings: int, n_steps: int
 ) -> None:
     problem = case(seed, n_strings, n_steps)
-    planner = Planner(problem.system, n_steps, DT_H, rollouts=15, balance=0.0, first_step_weight=1.0)
+    planner = Planner(problem.system, n_steps, DT_H, rollouts=15, balance=0.0)
     first = problem.plan(planner)
-    assert first.cost == pytest.approx(by_hand(problem, first.request_kw), rel=ROUNDING, abs=1e-9)
+    assert first.cost == pytest.approx(by_hand(problem, first.request_kw, **NOW), rel=ROUNDING, abs=1e-9)
     # Asked again for what it has planned, one step on; the last step asks for nothing.
     demand = np.append(first.request_kw.sum(axis=0)[1:], 0.0)
     end = TERMINAL_VALUE_FACTOR * planner.state_dict()["start_charge"]
     next_ = type(problem)(problem.system, problem.state, demand, problem.limit_kw, problem.prices)
     carried = np.append(first.request_kw[:, 1:], np.zeros((n_strings, 1)), axis=1)
     second = next_.plan(planner)
-    assert second.cost == pytest.approx(by_hand(next_, second.request_kw, end), rel=ROUNDING, abs=1e-9)
-    assert second.cost <= by_hand(next_, carried, end) * (1.0 + ROUNDING) + 1e-9
+    assert second.cost == pytest.approx(by_hand(next_, second.request_kw, end, **NOW), rel=ROUNDING, abs=1e-9)
+    assert second.cost <= by_hand(next_, carried, end, **NOW) * (1.0 + ROUNDING) + 1e-9
 
 
 @settings(max_examples=8, deadline=None)
@@ -174,7 +175,7 @@ def test_rules_of_plans_are_the_policies_of_their_names() -> None:
     won = set()
     for seed in range(120):
         problem = case(seed, 4, 1)
-        plan = problem.plan(Planner(problem.system, 1, DT_H, rollouts=0, balance=0.0, first_step_weight=1.0))
+        plan = problem.plan(Planner(problem.system, 1, DT_H, rollouts=0, balance=0.0))
         asked = plan.request_kw.sum(axis=0)
         ambient = np.full(1, problem.system.ambient_c)
         costs, requests = {}, {}
@@ -182,7 +183,7 @@ def test_rules_of_plans_are_the_policies_of_their_names() -> None:
             policy = build_policy(name, problem.system, Settings(DT_H))
             inputs = PolicyInput(problem.state, asked, ambient, problem.limit_kw)
             requests[name] = policy(inputs).request_kw[:, None]
-            costs[name] = by_hand(problem, requests[name])
+            costs[name] = by_hand(problem, requests[name], **NOW)
         best = min(costs, key=lambda name: costs[name])
         assert plan.rule_cost == pytest.approx(costs[best], rel=ROUNDING, abs=1e-9)
         ties = [name for name in costs if costs[name] <= costs[best] * (1.0 + ROUNDING) + 1e-9]
