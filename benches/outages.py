@@ -1,6 +1,6 @@
-"""Rules and mpc in random scenarios with an unannounced outage of one string (docs/foresight.md).
+"""Rules and mpc in random scenarios with an outage of one string, announced or not (docs/foresight.md).
 
-    python benches/outages.py --seed 1 --count 32
+    python benches/outages.py --seed 1 --count 32 [--announced]
 
 Cost is 3 x undelivered + losses [kWh] of four days of the two-cycle demand. The second cost adds one more day
 under ``soc`` for every policy, from where its run ended: it counts what is left in store.
@@ -26,7 +26,7 @@ def begin(study: bess.Study) -> datetime:
     return study.run.start
 
 
-def draw(random: np.random.Generator) -> bess.Study:
+def draw(random: np.random.Generator, announced: bool = False) -> bess.Study:
     """A plant of two to four strings, of which one is out of service for 4 to 30 hours."""
     n_strings = int(random.integers(2, 5))
     study = scenarios(["seven-days"])["seven-days"]
@@ -39,7 +39,14 @@ def draw(random: np.random.Generator) -> bess.Study:
             "system.initial_soc": random.uniform(0.25, 0.75, n_strings).round(2).tolist(),
             "system.ambient_c": float(random.integers(10, 33)),
             "demand.scale": round(float(random.uniform(0.5, 1.1)) * n_strings / 2, 2),
-            "event": [{"string": int(random.integers(n_strings)), "start": start, "end": end}],
+            "event": [
+                {
+                    "string": int(random.integers(n_strings)),
+                    "start": start,
+                    "end": end,
+                    "announced": announced,
+                }
+            ],
         }
     )
 
@@ -66,11 +73,12 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     arguments.add_argument("--seed", type=int, default=1)
     arguments.add_argument("--count", type=int, default=32)
+    arguments.add_argument("--announced", action="store_true")
     chosen = arguments.parse_args()
     random = np.random.default_rng(chosen.seed)
     against = []
     for index in range(chosen.count):
-        study = draw(random)
+        study = draw(random, chosen.announced)
         table = np.array([costs(study, policy) for policy in POLICIES])
         ahead = table[-1] / table[:-1].min(axis=0) - 1.0
         against.append(ahead)

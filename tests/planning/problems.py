@@ -39,13 +39,18 @@ def differing(n_strings: int, rng: np.random.Generator) -> bess.System:
 
 @dataclass(frozen=True)
 class Case:
-    """What a plan is made for."""
+    """What a plan is made for; limits in each step, ``(n_strings, n_steps)``."""
 
     system: bess.System
     state: bess.State
     demand_kw: Array
     limit_kw: Array
     prices: PlanPrices
+
+    @property
+    def later_limit_kw(self) -> Array:
+        """The limits as they are expected a step later."""
+        return np.append(self.limit_kw[:, 1:], self.limit_kw[:, -1:], axis=1)
 
     def plan(self, planner: Planner) -> Plan:
         return planner(self.state, self.demand_kw, self.prices, limit_kw=self.limit_kw)
@@ -56,13 +61,13 @@ class Case:
         np.testing.assert_allclose(
             plan.request_kw.sum(axis=0), asked, atol=1e-9 * self.system.nominal_kw.sum()
         )
-        assert np.all(np.abs(plan.request_kw) <= self.limit_kw[:, None] * (1.0 + 1e-9))
+        assert np.all(np.abs(plan.request_kw) <= self.limit_kw * (1.0 + 1e-9))
         assert np.all(plan.request_kw * np.sign(self.demand_kw) >= 0.0)
         assert not np.any(plan.request_kw[:, self.demand_kw == 0.0])
 
 
 def case(seed: int, n_strings: int, n_steps: int) -> Case:
-    """Differing strings, far apart; a demand that turns and pauses; limits and outages."""
+    """Differing strings, far apart; a demand that turns and pauses; limits and outages, one for a while."""
     rng = np.random.default_rng(seed)
     system = differing(n_strings, rng)
     low = np.array([string.battery.soc_min for string in system.strings])
@@ -71,6 +76,9 @@ def case(seed: int, n_strings: int, n_steps: int) -> Case:
     sign = rng.choice([-1.0, 0.0, 1.0], n_steps, p=[0.4, 0.2, 0.4])
     demand = sign * rng.uniform(0.02, 1.1, n_steps) * system.nominal_kw.sum()
     limit = system.nominal_kw * rng.choice([0.0, 0.5, 1.0], n_strings, p=[0.15, 0.15, 0.7])
+    limit = limit[:, None].repeat(n_steps, axis=1)
+    first, last = np.sort(rng.integers(0, n_steps + 1, 2))
+    limit[rng.integers(n_strings), first:last] *= rng.choice([0.0, 0.5])
     return Case(system, state, demand, limit, PlanPrices.energy(ENERGY, n_strings, n_steps))
 
 

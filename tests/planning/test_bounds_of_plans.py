@@ -55,7 +55,7 @@ def test_no_proven_bound_is_above_a_random_schedule(seed: int, n_strings: int, n
     )
     asked_kw = np.abs(plan.request_kw.sum(axis=0))
     share = np.random.default_rng(seed).dirichlet(np.ones(n_strings), (40, n_steps)).transpose(0, 2, 1)
-    wanted = np.minimum(share * asked_kw, problem.limit_kw[:, None])
+    wanted = np.minimum(share * asked_kw, problem.limit_kw)
     for m in range(n_strings):  # what is left goes to the first with room
         rest = asked_kw - wanted.sum(axis=1)
         wanted[:, m] += np.clip(rest, 0.0, problem.limit_kw[m] - wanted[:, m])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,14 +18,16 @@ SWINGS = np.where(np.arange(24) % 8 < 4, 1.0, -1.0)
 
 
 def case(seed: int, n_strings: int = N_STRINGS, n_steps: int = 24) -> Case:
-    """Two kinds of strings in states far apart, some limited or out of service; power for every string."""
+    """Two kinds of strings in states far apart, some limited or out of service, for a while or always."""
     rng = np.random.default_rng(seed)
     document = copy.deepcopy(bess.System.reference(n_strings).document)
     document["string"] = [{"inverter": {"nominal_kw": 60.0}} if m % 3 == 0 else {} for m in range(n_strings)]
     system = bess.System(document, name="two kinds")
     state = bess.State(rng.uniform(0.2, 0.8, n_strings), rng.uniform(20.0, 45.0, n_strings))
     limit = system.nominal_kw * rng.choice([0.0, 0.5, 1.0], n_strings, p=[0.1, 0.1, 0.8])
-    demand = SWINGS[:n_steps] * rng.uniform(0.05, 0.6, n_steps) * limit.sum()
+    limit = limit[:, None].repeat(n_steps, axis=1)
+    limit[: n_strings // 5, n_steps // 2 : 3 * n_steps // 4] = 0.0
+    demand = SWINGS[:n_steps] * rng.uniform(0.05, 0.6, n_steps) * limit.sum(axis=0)
     return Case(system, state, demand, limit, PlanPrices.energy(ENERGY, n_strings, n_steps))
 
 
@@ -44,8 +47,8 @@ def test_a_carried_plan_of_groups_never_costs_more_than_what_it_was_made_from() 
     first = given.plan(planner)
     moved = np.pad(first.request_kw[:, 1:], ((0, 0), (0, 1)))
     planner.rollouts = 0
-    last_asks_nothing = Case(
-        given.system, given.state, np.append(given.demand_kw[1:], 0.0), given.limit_kw, given.prices
+    last_asks_nothing = replace(
+        given, demand_kw=np.append(given.demand_kw[1:], 0.0), limit_kw=given.later_limit_kw
     )
     end = planner.state_dict()["start_charge"] * 0.1
     second = last_asks_nothing.plan(planner)
@@ -56,8 +59,8 @@ def test_the_bound_of_many_strings_is_below_the_schedules_of_plan_and_rules() ->
     given = case(6, n_steps=16)
     plan = bess.plan_power(given.system, given.state, given.demand_kw, ENERGY, limit_kw=given.limit_kw)
     assert 0.5 * plan.cost < plan.bound <= plan.cost <= plan.rule_cost
-    asked = np.abs(given.demand_kw) / given.limit_kw.sum()
-    equal = given.limit_kw[:, None] * np.copysign(asked, given.demand_kw)
+    asked = np.abs(given.demand_kw) / given.limit_kw.sum(axis=0)
+    equal = given.limit_kw * np.copysign(asked, given.demand_kw)
     for request_kw in (plan.request_kw, equal):
         roll = bess.rollout(given.system, given.state, request_kw, DT_H)
         shed = roll.availability_loss_kw.sum() + roll.derating_loss_kw.sum()
@@ -70,13 +73,8 @@ def test_memory_continues_a_plan_of_groups_to_the_same_bits() -> None:
     planners = [Planner(given.system, 24, DT_H, rollouts=10, bound_passes=0) for _ in range(2)]
     given.plan(planners[0])
     planners[1].load_state_dict(planners[0].state_dict())
-    later = Case(
-        given.system,
-        bess.State(given.state.soc * 0.99, given.state.temperature_c + 1.0),
-        given.demand_kw,
-        given.limit_kw,
-        given.prices,
-    )
+    warmer = bess.State(given.state.soc * 0.99, given.state.temperature_c + 1.0)
+    later = replace(given, state=warmer, limit_kw=given.later_limit_kw)
     one, other = (later.plan(planner) for planner in planners)
     np.testing.assert_array_equal(one.request_kw, other.request_kw)
 
@@ -85,7 +83,7 @@ def test_groups_hold_like_strings_in_like_states_and_none_out_of_service() -> No
     given = case(8, n_strings=200)
     groups = groups_of(given.system, given.state, given.limit_kw)
     assert groups is not None
-    np.testing.assert_array_equal(groups < 0, given.limit_kw == 0.0)
+    np.testing.assert_array_equal(groups < 0, ~given.limit_kw.any(axis=1))
     in_groups = [np.flatnonzero(groups == number) for number in range(MAX_GROUPS)]
     assert groups.max() == MAX_GROUPS - 1
     assert all(np.unique(given.system.nominal_kw[members]).size == 1 for members in in_groups)
@@ -95,11 +93,11 @@ def test_groups_hold_like_strings_in_like_states_and_none_out_of_service() -> No
 
 def test_few_strings_are_planned_one_by_one_and_equal_ones_in_groups_of_one_size() -> None:
     system = bess.System.reference(4 * MIN_GROUPS)
-    groups = groups_of(system, system.initial_state(), system.nominal_kw)
+    groups = groups_of(system, system.initial_state(), system.nominal_kw[:, None])
     assert groups is not None
     np.testing.assert_array_equal(np.bincount(groups), 4)
     few = bess.System.reference(MIN_GROUPS)
-    assert groups_of(few, few.initial_state(), few.nominal_kw) is None
+    assert groups_of(few, few.initial_state(), few.nominal_kw[:, None]) is None
 
 
 def test_strings_that_all_aged_differently_are_planned_in_groups_without_a_bound() -> None:
@@ -114,7 +112,7 @@ def test_strings_that_all_aged_differently_are_planned_in_groups_without_a_bound
 def test_strings_far_apart_are_planned_one_by_one_as_long_as_there_are_as_many_groups() -> None:
     system = bess.System.reference(MAX_GROUPS)
     spread = bess.State(np.linspace(0.0, 1.0, MAX_GROUPS), 20.0 + 40.0 * (np.arange(MAX_GROUPS) % 4) / 3)
-    assert groups_of(system, spread, system.nominal_kw) is None
+    assert groups_of(system, spread, system.nominal_kw[:, None]) is None
 
 
 @pytest.mark.parametrize("n_strings", [40, 120])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -51,7 +53,7 @@ def test_the_cost_of_a_plan_is_that_of_a_roll_out_and_never_above_the_plan_carri
     # Asked again for what it has planned, one step on; the last step asks for nothing.
     demand = np.append(first.request_kw.sum(axis=0)[1:], 0.0)
     end = TERMINAL_VALUE_FACTOR * planner.state_dict()["start_charge"]
-    next_ = type(problem)(problem.system, problem.state, demand, problem.limit_kw, problem.prices)
+    next_ = replace(problem, demand_kw=demand, limit_kw=problem.later_limit_kw)
     carried = np.append(first.request_kw[:, 1:], np.zeros((n_strings, 1)), axis=1)
     second = next_.plan(planner)
     assert second.cost == pytest.approx(by_hand(next_, second.request_kw, end, **NOW), rel=ROUNDING, abs=1e-9)
@@ -114,7 +116,8 @@ def test_plans_of_one_minute_steps_also_start_from_the_schedule_of_their_bound()
 def test_effort_is_counted_in_roll_outs() -> None:
     problem = case(3, 4, 48)
     planner = Planner(problem.system, 48, DT_H, rollouts=50)
-    first, second = problem.plan(planner), problem.plan(planner)
+    first = problem.plan(planner)
+    second = replace(problem, limit_kw=problem.later_limit_kw).plan(planner)
     # Five rules, pairs, and strings at prices.
     fresh = 7 * min(600, 4 * 50)
     # The last move of each pair of a start may run over by a roll-out of the pair.
@@ -170,6 +173,29 @@ def test_a_string_out_of_service_is_asked_for_nothing_and_comes_back() -> None:
     assert np.any(back.request_kw[1])
 
 
+def test_a_string_is_emptied_before_an_outage_that_is_announced() -> None:
+    """Three hours at the power of one inverter need the charge of both strings; the first will be out."""
+    system, state = bess.System.reference(2), bess.State([0.6, 0.6], [25.0, 25.0])
+    limit = np.full((2, 12), 92.0)
+    limit[0, 6:] = 0.0
+    plan = bess.plan_power(system, state, np.full(12, 85.0), limit_kw=limit)
+    roll = bess.rollout(system, state, plan.request_kw, DT_H, model="midpoint")
+    assert not np.any(plan.request_kw[0, 6:])
+    assert roll.availability_loss_kw.sum() * DT_H < 1.0
+    equal_kw = np.array([[42.5] * 6 + [0.0] * 6, [42.5] * 6 + [85.0] * 6])
+    assert bess.rollout(system, state, equal_kw, DT_H).availability_loss_kw.sum() * DT_H > 40.0
+
+
+def test_limits_of_each_step_that_are_equal_are_those_of_the_whole_plan() -> None:
+    system, state = bess.System.reference(3), bess.State([0.5, 0.6, 0.4], [25.0, 30.0, 35.0])
+    demand, limit = np.repeat([120.0, -90.0], 8), np.array([92.0, 60.0, 0.0])
+    plans = [
+        bess.plan_power(system, state, demand, limit_kw=each) for each in (limit, np.tile(limit, (16, 1)).T)
+    ]
+    np.testing.assert_array_equal(plans[0].request_kw, plans[1].request_kw)
+    assert plans[0].bound == plans[1].bound
+
+
 def test_rules_of_plans_are_the_policies_of_their_names() -> None:
     """Over a single step without a search, a plan is the request of the cheapest policy."""
     won = set()
@@ -181,7 +207,7 @@ def test_rules_of_plans_are_the_policies_of_their_names() -> None:
         costs, requests = {}, {}
         for name in ("equal", "soc", "temperature", "priority"):
             policy = build_policy(name, problem.system, Settings(DT_H))
-            inputs = PolicyInput(problem.state, asked, ambient, problem.limit_kw)
+            inputs = PolicyInput(problem.state, asked, ambient, problem.limit_kw[:, 0])
             requests[name] = policy(inputs).request_kw[:, None]
             costs[name] = by_hand(problem, requests[name], **NOW)
         best = min(costs, key=lambda name: costs[name])
@@ -216,7 +242,7 @@ def plan_with(**given: object) -> Plan:
         ({"state": bess.State([0.5], [25.0])}, "string"),
         ({"limit_kw": [92.0, 93.0]}, "93 kW"),
         ({"limit_kw": [92.0, -1.0]}, "-1 kW"),
-        ({"limit_kw": np.full((2, 4), 92.0)}, "one value for each string"),
+        ({"limit_kw": np.full((2, 3), 92.0)}, "one value for each string"),
         ({"prices": PlanPrices.energy(ENERGY, 2, 5)}, r"prices of losses have shape \(5, 4\)"),
         ({"prices": PlanPrices(np.full((4, 4), np.nan), np.zeros(2))}, "prices of losses"),
         ({"prices": PlanPrices(np.full((4, 4), -1.0), np.zeros(2))}, "prices of losses"),

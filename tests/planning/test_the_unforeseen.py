@@ -17,6 +17,8 @@ from bess.control.policies.policy import Decision, PolicyInput
 from bess.study.scenarios import expand
 from bess.system.terms import SettlementTerms
 
+RULES = ("equal", "priority", "soc", "temperature")
+
 
 def outages(policy: str, **values: Any) -> bess.Study:
     """Two days of four unequal strings that lose two inverters and are asked for a lot."""
@@ -97,6 +99,17 @@ def test_in_the_mean_of_random_outages_mpc_costs_a_fifth_less_and_delivers_more_
     ]
     assert np.mean([cost_kwh(mpc) / cost_kwh(soc) for mpc, soc in runs]) < 0.8
     assert sum(mpc["delivered_kwh"] - soc["delivered_kwh"] for mpc, soc in runs) > 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_announced_outages_cost_less_than_under_every_rule_and_than_unannounced_ones(seed: int) -> None:
+    given = drawn(seed, "perfect")
+    announced = given | {"event": [event | {"announced": True} for event in given["event"]]}
+    rules = [bess.run(outages(name, **given), progress=False).kpis for name in RULES]
+    mpc, known = (bess.run(outages("mpc", **each), progress=False).kpis for each in (given, announced))
+    assert cost_kwh(known) < min(map(cost_kwh, rules))
+    assert cost_kwh(known) < cost_kwh(mpc)
+    assert known["delivered_kwh"] >= (1.0 - 1e-6) * max(rule["delivered_kwh"] for rule in rules)
 
 
 @pytest.mark.parametrize("share", [0.8, 1.2])

@@ -88,7 +88,7 @@ PLAN: dict[str, Any] = {
     "running": np.zeros(N, dtype=np.bool_),
     "demand_kw": DEMAND,
     "ambient_c": AMBIENT,
-    "limit_kw": LIMIT[:, 0],
+    "limit_kw": LIMIT,
     "loss_prices": np.ones((STEPS, 4)),
     "wear": np.zeros(N),
     "previous_kw": np.zeros((N, STEPS)),

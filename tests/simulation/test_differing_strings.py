@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import bess
+from bess.control.policies import PolicyInput
 from bess.report.charts import operation
 from bess.report.contents import comparison
 from bess.report.runs import Run, runs_in
@@ -98,6 +99,30 @@ def test_a_limited_inverter_is_asked_for_no_more_than_its_limit_and_for_more_els
     assert limited.any()
     assert request_kw[limited].max() <= LIMITED.limit_kw + 1e-9
     assert request_kw[~limited].max() > 2.0 * LIMITED.limit_kw
+
+
+def test_policies_know_announced_events_beforehand_and_others_from_their_begin_on() -> None:
+    seen = []
+
+    def watching(inputs: PolicyInput) -> np.ndarray:
+        seen.append(inputs.expected_limit_kw)
+        return inputs.demand_kw[0] * inputs.limit_kw / inputs.limit_kw.sum()
+
+    event = [OUT.model_copy(update={"announced": True}).model_dump(), LIMITED.model_dump()]
+    study = expand(STUDY.with_values({**SHORT, "event": event, "policy.horizon_steps": 96}))["mpc"]
+    data = bess.run(study, policy=watching, progress=False).dataset
+    times = data["time"].values[0] + np.timedelta64(15, "m") * np.arange(data.sizes["time"] + 96)
+    nominal_kw = bess.load_system("unequal-4").nominal_kw
+    for step, limit_kw in enumerate(seen):
+        ahead = times[step : step + 96]
+        out, limited = (
+            (ahead >= np.datetime64(event.start.replace(tzinfo=None)))
+            & (ahead < np.datetime64(event.end.replace(tzinfo=None)))
+            for event in (OUT, LIMITED)
+        )
+        np.testing.assert_array_equal(limit_kw[OUT.string], np.where(out, 0.0, nominal_kw[OUT.string]))
+        expected_kw = LIMITED.limit_kw if limited[0] else nominal_kw[LIMITED.string]
+        np.testing.assert_array_equal(limit_kw[LIMITED.string], expected_kw)
 
 
 def test_sharing_by_energy_closes_the_spread_of_soc_and_a_fixed_order_opens_it(

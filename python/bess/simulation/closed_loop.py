@@ -131,6 +131,7 @@ class ClosedLoop:
             price_eur_mwh=None if price is None else _ahead(price, step, inputs.horizon_steps),
             demand_depends_on_soc=inputs.demand.demand_depends_on_soc,
             reactive_kvar=asked_kvar,
+            limit_ahead_kw=self._limit_ahead_kw(limit_kw),
         )
         began = time.perf_counter()
         decision = self._decide(policy_input, total_kw)
@@ -190,7 +191,7 @@ class ClosedLoop:
             changes = np.append((limits_kw != limits_kw[0]).any(axis=1), True)
             now = StepInputs(state, limits_kw[0], self._surroundings_c[first:], self._delivered_kw)
             self._ahead_kw = inputs.demand.block(first, int(np.argmax(changes)), inputs.horizon_steps, now)
-            self._served_kw = self._served(self._ahead_kw, limits_kw[0].sum())
+            self._served_kw = self._served(self._ahead_kw, float(limits_kw[0].sum()))
             self._soh_capacity = state.soh_capacity
         n_steps = min(len(self._ahead_kw), most if controller is not None else self._skipped_steps)
         limit_kw, served_kw = inputs.limit_kw[first : first + n_steps], self._served_kw[:n_steps]
@@ -357,9 +358,22 @@ class ClosedLoop:
         )
         return np.asarray(discharged_kw - charged_kw)
 
-    def _served(self, demand_kw: Array, total_kw: ArrayLike) -> Array:
-        """Demand limited to the total power of the strings; 0 below their minimum power."""
-        served_kw = np.minimum(np.maximum(demand_kw, np.negative(total_kw)), total_kw)
+    def _limit_ahead_kw(self, limit_kw: Array) -> Array:
+        """Expected limits of the prediction horizon: announced events, and the others as in this step."""
+        inputs, step = self.inputs, self.step
+        last = inputs.grid.n_steps - 1
+        announced_kw = inputs.announced_kw[np.minimum(np.arange(step, step + inputs.horizon_steps), last)]
+        unannounced_kw = np.where(limit_kw < announced_kw[0], limit_kw, np.inf)
+        return np.minimum(announced_kw, unannounced_kw).T
+
+    def _served(self, demand_kw: Array, total_kw: float) -> Array:
+        """Demand and forecasts ``(..., n_steps)``, limited to the power of the plant; 0 below its minimum.
+
+        The demand of the step is limited to the power in service.
+        """
+        plant_kw = self.inputs.system.nominal_kw.sum()
+        served_kw = np.clip(demand_kw, -plant_kw, plant_kw)
+        served_kw[..., 0] = np.clip(served_kw[..., 0], -total_kw, total_kw)
         served_kw[np.abs(served_kw) < self.inputs.system.min_power_kw.min()] = 0.0
         return served_kw
 

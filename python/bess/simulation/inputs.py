@@ -38,6 +38,8 @@ class Inputs(RunDemand):
         Ambient temperature [degC].
     limit_kw : ndarray, shape (n_steps, n_strings)
         Power of each inverter in service.
+    announced_kw : ndarray, shape (n_steps, n_strings)
+        The same with the announced events only.
     installations : Installations
         Strings that are added, replaced or retired.
     files : list of Path
@@ -52,6 +54,7 @@ class Inputs(RunDemand):
     horizon_steps: int
     ambient_c: Array
     limit_kw: Array
+    announced_kw: Array
     installations: Installations
     files: list[Path]
     notes: list[str]
@@ -93,6 +96,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         horizon_steps=study.policy.steps_ahead(system.control),
         ambient_c=ambient,
         limit_kw=limits_of(study.event, system, grid),
+        announced_kw=limits_of(tuple(event for event in study.event if event.announced), system, grid),
         installations=Installations(system, study, grid),
         files=files,
         notes=[f"period: {grid}", *setting.notes],

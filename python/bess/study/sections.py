@@ -190,14 +190,16 @@ class ServiceSection(Section):
 class Event(Section):
     """Table ``[[event]]``: temporary power limit ``limit_kw`` of the inverter of ``string`` (from 0).
 
-    ``limit_kw = 0`` takes the string out of service. Policies have no information
-    about an event before it begins.
+    ``limit_kw = 0`` takes the string out of service. With ``announced = true``, such as maintenance, policies
+    that plan ahead know its start and end. Otherwise, as for a failure, they have no information about it
+    before it begins, and expect it to last.
     """
 
     string: Annotated[int, Field(strict=True, ge=0)]
     start: Instant
     end: Instant
     limit_kw: NonNegative = 0.0
+    announced: bool = False
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -28,7 +28,8 @@ pub struct Plan {
     start_charge: f64,
 }
 
-/// Plans over `demand_kw` `(T,)`, from the measured state and whether each inverter is `running` `(M,)`.
+/// Plans over `demand_kw` `(T,)`, from the measured state and whether each inverter is `running` `(M,)`, within the limits
+/// `limit_kw` `(M, T)` of the inverters.
 ///
 /// Prices: `loss_prices` `(T, 4)` of availability, derating, inverter and battery loss [cost/kWh]; `wear`
 /// `(M,)` and `end_charge` [cost/Ah]; `start_cost` of an inverter; `balance` [cost per Ah and hour]. Work:
@@ -47,7 +48,7 @@ pub fn plan(
     demand_kw: GivenVector<'_>,
     ambient_c: GivenVector<'_>,
     dt_h: f64,
-    limit_kw: GivenVector<'_>,
+    limit_kw: GivenMatrix<'_>,
     loss_prices: GivenMatrix<'_>,
     wear: GivenVector<'_>,
     start_cost: f64,
@@ -65,6 +66,7 @@ pub fn plan(
     let (n_strings, n_steps) = (model.inner.strings().len(), demand_kw.len());
     check_shape("ambient_c", &[n_steps], ambient_c.shape())?;
     check_shape("loss_prices", &[n_steps, 4], loss_prices.shape())?;
+    check_shape("limit_kw", &[n_strings, n_steps], limit_kw.shape())?;
     if let Some(plan) = &previous_kw {
         check_shape("previous", &[n_strings, n_steps], plan.shape())?;
         if plan.as_array().iter().any(|p| !p.is_finite()) {
@@ -96,7 +98,7 @@ pub fn plan(
     let plan = py
         .detach(|| {
             let mut problem =
-                PlanProblem::new(&model.inner, start, running, &demand_w, intervals, limit_w, prices)?;
+                PlanProblem::new(&model.inner, start, running, &demand_w, intervals, &limit_w, prices)?;
             if let Some(reactive_var) = &reactive_var {
                 problem = problem.with_reactive(reactive_var)?;
             }

@@ -23,14 +23,14 @@ class ForecastErrorTracker(Checkpointed):
 
     Attributes
     ----------
-    limit_kw : ndarray, shape (n_strings,), or None
-        Limits of the last call; None before the first.
+    expected_limit_kw : ndarray, shape (n_strings, n_steps), or None
+        Expected limits of the next steps; None before the first call.
     """
 
-    _carried = ("limit_kw", "_forecast_kw", "_error_kw", "_mean_kw", "_outage_share")
+    _carried = ("expected_limit_kw", "_forecast_kw", "_error_kw", "_mean_kw", "_outage_share")
 
     def __init__(self, nominal_kw: Array, dt_h: float) -> None:
-        self.limit_kw: Array | None = None
+        self.expected_limit_kw: Array | None = None
         self._nominal_kw = nominal_kw
         self._weight = min(1.0, dt_h / MEMORY_H)
         self._forecast_kw: float | None = None
@@ -53,18 +53,20 @@ class ForecastErrorTracker(Checkpointed):
         ----------
         demand_kw : ndarray, shape (n_steps,)
             Demand of this step and forecast of the next ones [kW]; for several steps, a row for each.
-        limit_kw : ndarray, shape (n_strings,), optional
-            Limits of this step [kW]; unchanged if omitted.
+        limit_kw : ndarray, shape (n_strings, n_steps), optional
+            Limits of this step and the next ones [kW]; as expected if omitted.
 
         Returns
         -------
         bool
-            Whether the limits have changed.
+            Whether limits differ from those expected.
         """
-        known = self.limit_kw if limit_kw is None else limit_kw
+        expected = self.expected_limit_kw
+        known = expected if limit_kw is None else limit_kw
         # Demand above the inverters in service is unmet and is not allocated.
-        max_kw = float((self._nominal_kw if known is None else known).sum())
-        for now_kw, *next_kw in np.atleast_2d(demand_kw)[:, :2].tolist():
+        max_kw = float((self._nominal_kw if known is None else known[:, 0]).sum())
+        rows_kw = np.atleast_2d(demand_kw)[:, :2].tolist()
+        for now_kw, *next_kw in rows_kw:
             now = min(max(now_kw, -max_kw), max_kw)
             if self._forecast_kw is not None:
                 forecast_kw = min(max(self._forecast_kw, -max_kw), max_kw)
@@ -72,9 +74,12 @@ class ForecastErrorTracker(Checkpointed):
                 self._mean_kw += self._weight * (abs(now) - self._mean_kw)
             self._forecast_kw = next_kw[0] if next_kw else None
             self._outage_share *= 1.0 - self._weight
-        before, self.limit_kw = self.limit_kw, known
-        if limit_kw is None or before is None:
+        if known is not None:
+            n_steps = known.shape[1]
+            self.expected_limit_kw = known[:, np.minimum(np.arange(n_steps) + len(rows_kw), n_steps - 1)]
+        if limit_kw is None or expected is None:
             return False
-        change_kw = float(np.abs(limit_kw - before).sum())
-        self._outage_share += change_kw / float(self._nominal_kw.sum())
-        return change_kw > 0.0
+        change_kw = np.abs(limit_kw - expected)
+        self._outage_share += float(change_kw[:, 0].sum() / self._nominal_kw.sum())
+        # The last step was beyond the horizon of the last call.
+        return bool(change_kw[:, : max(1, change_kw.shape[1] - 1)].any())

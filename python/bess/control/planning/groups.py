@@ -23,18 +23,21 @@ HEALTH_SPREAD = 0.05
 
 
 def kinds_of(system: System, state: State, limit_kw: Array) -> int:
-    """Return the number of kinds of strings; strings of one kind differ in SOC and temperature only."""
-    each = np.stack([system.kinds, state.soh_capacity, state.soh_resistance, limit_kw], axis=1)
-    return len(np.unique(each, axis=0))
+    """Return the number of kinds of strings; strings of one kind differ in SOC and temperature only.
+
+    Limits [kW] have the shape (n_strings, n_steps).
+    """
+    strings = np.stack([system.kinds, state.soh_capacity, state.soh_resistance], axis=1)
+    return len(np.unique(np.hstack([strings, limit_kw]), axis=0))
 
 
 def groups_of(system: System, state: State, limit_kw: Array) -> NDArray[np.int64] | None:
-    """Return the group of each string, shape (n_strings,); -1 for strings out of service.
+    """Return the group of each string, shape (n_strings,); -1 for strings out of service in all steps.
 
     Strings of a group have equal parameters, and each kind of string starts as one group. The group with the
     largest total differences is halved at the median of its largest difference, until there are
     :data:`MIN_GROUPS`. Then only groups above the maximum differences are halved, up to :data:`MAX_GROUPS`.
-    Equal strings are halved by number.
+    Equal strings are halved by number. Limits [kW] have the shape (n_strings, n_steps).
 
     Returns
     -------
@@ -42,17 +45,18 @@ def groups_of(system: System, state: State, limit_kw: Array) -> NDArray[np.int64
         None if each string is planned individually: up to :data:`MIN_GROUPS` strings, none in service, or
         one string per group.
     """
-    in_service = np.flatnonzero(limit_kw > 0.0)
+    in_service = np.flatnonzero((limit_kw > 0.0).any(axis=1))
     if system.n_strings <= MIN_GROUPS or not in_service.size:
         return None
-    places = np.stack(
+    # Steps of equal limits count once.
+    limits = np.unique(limit_kw / system.nominal_kw[:, None], axis=1)
+    places = np.column_stack(
         [
             state.soc / SOC_SPREAD,
             state.temperature_c / TEMPERATURE_SPREAD_K,
-            limit_kw / system.nominal_kw / LIMIT_SPREAD,
+            limits / LIMIT_SPREAD,
             state.soh_capacity / HEALTH_SPREAD,
-        ],
-        axis=1,
+        ]
     )
     kinds = np.array(system.kinds)[in_service]
     groups = [in_service[kinds == kind] for kind in np.unique(kinds)]

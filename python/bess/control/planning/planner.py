@@ -222,8 +222,9 @@ class Planner(Checkpointed):
         ambient_c : float or array_like, shape (n_steps,), optional
             Ambient temperature [degC]; the system's by default. For a system with cooling, the temperature
             that its strings cool towards (:meth:`~bess.System.surroundings_c`).
-        limit_kw : array_like, shape (n_strings,), optional
-            Maximum power of each inverter over the whole plan [kW]; 0 takes a string out of service.
+        limit_kw : array_like, shape (n_strings,) or (n_strings, n_steps), optional
+            Maximum power of each inverter, over the whole plan or in each step [kW]; 0 takes a string out of
+            service.
         reactive_kvar : array_like, shape (n_steps,), optional
             Reactive power demand on the plant [kvar]. The plan includes the losses of apparent power and
             assumes the power factor of the plant for every string (docs/equations.md, R4).
@@ -233,8 +234,6 @@ class Planner(Checkpointed):
         InputError
             An argument does not fit the system or the plan; the planner is then unchanged.
         """
-        if np.ndim(self.system.nominal_kw if limit_kw is None else limit_kw) != 1:
-            raise InputError("limit_kw: give one value for each string; it holds for the whole plan")
         if prices.losses.shape != (self.horizon_steps, 4):
             raise InputError(
                 f"prices of losses have shape {prices.losses.shape}; the plan needs {(self.horizon_steps, 4)}"
@@ -242,7 +241,7 @@ class Planner(Checkpointed):
         problem = SplitProblem.check(
             self.system, self.horizon_steps, self.dt_h, state, demand_kw, ambient_c, limit_kw
         )
-        limit = np.ascontiguousarray(problem.limit_kw[:, 0])
+        limit = problem.limit_kw
         if reactive_kvar is not None:
             values = real_numbers(reactive_kvar)
             reactive_kvar = values if values.any() else None

@@ -71,8 +71,9 @@ def plan_power(
         Length of a step [h].
     ambient_c : float or array_like, shape (n_steps,), optional
         Ambient temperature [degC]; the system's by default.
-    limit_kw : array_like, shape (n_strings,), optional
-        Maximum power of each inverter [kW]; 0 takes a string out of service.
+    limit_kw : array_like, shape (n_strings,) or (n_strings, n_steps), optional
+        Maximum power of each inverter, over the whole plan or in each step [kW]; 0 takes a string out of
+        service.
 
     Returns
     -------

@@ -39,7 +39,7 @@ class MpcPolicy(Checkpointed):
             inputs.state,
             inputs.demand_kw,
             ambient_c=inputs.ambient_c,
-            limit_kw=inputs.limit_kw,
+            limit_kw=inputs.expected_limit_kw,
         )
         report = SolverReport(
             status=split.status.code,

@@ -69,7 +69,7 @@ class PlannedPolicy(Checkpointed):
             inputs.demand_kw,
             prices.for_soc_dependent_demand() if inputs.demand_depends_on_soc else prices,
             ambient_c=inputs.ambient_c,
-            limit_kw=inputs.limit_kw,
+            limit_kw=inputs.expected_limit_kw,
             reactive_kvar=inputs.reactive_kvar,
         )
         request_kw = plan.request_kw[:, 0].copy()

@@ -29,7 +29,7 @@ class PolicyInput:
         Ambient temperature [degC] of this step and the next ones. For a system with cooling, the temperature
         that its strings cool towards.
     limit_kw : ndarray, shape (n_strings,)
-        Maximum power of each inverter [kW]; 0 = out of service.
+        Maximum power of each inverter in this step [kW]; 0 = out of service.
     price_eur_mwh : ndarray, shape (n_steps,), optional
         Price of energy, if the study has one.
     demand_depends_on_soc : bool
@@ -37,6 +37,9 @@ class PolicyInput:
         demand, and an empty one no discharging demand.
     reactive_kvar : ndarray, shape (n_steps,), or None
         Reactive power demand of this step and the next ones, signed [kvar]; None without one.
+    limit_ahead_kw : ndarray, shape (n_strings, n_steps), or None
+        Maximum power of each inverter in this step and the next ones [kW], as far as announced; None if
+        ``limit_kw`` holds for all of them.
     """
 
     state: State
@@ -46,6 +49,12 @@ class PolicyInput:
     price_eur_mwh: NDArray[np.float64] | None = None
     demand_depends_on_soc: bool = False
     reactive_kvar: NDArray[np.float64] | None = None
+    limit_ahead_kw: NDArray[np.float64] | None = None
+
+    @property
+    def expected_limit_kw(self) -> NDArray[np.float64]:
+        """``limit_ahead_kw``, or ``limit_kw`` if it holds for all steps."""
+        return self.limit_kw if self.limit_ahead_kw is None else self.limit_ahead_kw
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,8 @@ def build_controller(study: Study, *, background: bool = True) -> tuple[Controll
         # Prices belong to the demand, which comes from outside here.
         study = study.with_values({"policy.objectives.kind": "energy"})
         notes.append("plans minimise undelivered energy and losses, not cost: a service receives no prices")
+    if study.event:
+        notes.append("[[event]] is not used: the plant reports which strings are in service")
     system = build_system(study.system, study.run, study.wear)
     settings = policy_settings(study, system)
     policy = build_policy(study.policy.name, system, settings)

@@ -249,7 +249,8 @@ def event_sentences(run: Run) -> Iterator[str]:
     """Which string was out of service or limited, and when."""
     for event in run.study.get("event", ()):
         start, end = (f"{datetime.fromisoformat(str(event[key])):%Y-%m-%d %H:%M}" for key in ("start", "end"))
-        yield f"String {event['string']} was {limit_of(event)} from {start} to {end} UTC."
+        announced = ", as announced" if event.get("announced") else ""
+        yield f"String {event['string']} was {limit_of(event)} from {start} to {end} UTC{announced}."
     yield from _installations(run)
 
 

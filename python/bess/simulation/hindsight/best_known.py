@@ -169,21 +169,18 @@ class _Plans:
         self._prices = PlanPrices.energy(goals, system.n_strings, n_steps)
         self._followed = max(1, int(_FOLLOWED * n_steps))
         self._requests: Iterator[Array] = iter(())
-        self._limit_kw = np.zeros(0)
 
     def __call__(self, inputs: PolicyInput) -> Array:
         """Set-points of the next step [kW]."""
-        same_limits = np.array_equal(self._limit_kw, inputs.limit_kw)
-        request_kw = next(self._requests, None) if same_limits else None
+        request_kw = next(self._requests, None)
         if request_kw is None:
             plan = self._make()(
                 inputs.state,
                 inputs.demand_kw,
                 self._prices,
                 ambient_c=inputs.ambient_c,
-                limit_kw=inputs.limit_kw,
+                limit_kw=inputs.expected_limit_kw,
             )
-            self._limit_kw = inputs.limit_kw
             self._requests = iter(plan.request_kw.T[: self._followed])
             request_kw = next(self._requests)
         return request_kw.copy()

@@ -97,6 +97,7 @@ class Replay:
                     "give the result of bess.run, or use bess report DIR --hindsight"
                 )
         grid = TimeGrid.of_record(record)
+        limit_kw = limits_of(study.event, system, grid)
         price: Array | None = record["price_eur_mwh"].values if "price_eur_mwh" in record else None
         inputs = Inputs(
             system=system,
@@ -105,7 +106,8 @@ class Replay:
             demand=ProfileSource(PerfectForecast(record["demand_kw"].values)),
             price_eur_mwh=price,
             ambient_c=record["ambient_c"].values,
-            limit_kw=limits_of(study.event, system, grid),
+            limit_kw=limit_kw,
+            announced_kw=limit_kw,
             installations=Installations(system, study, grid),
             files=[],
             notes=[],

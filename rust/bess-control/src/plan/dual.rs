@@ -198,7 +198,7 @@ struct StringValues<'a> {
 
 impl<'a> StringValues<'a> {
     fn new(problem: &'a PlanProblem<'a>) -> Self {
-        let in_service = (0..problem.n_strings()).filter(|&m| problem.limit_w[m] > 0.0);
+        let in_service = (0..problem.n_strings()).filter(|&m| problem.is_in_service(m));
         let (kinds, members) = kinds(in_service.clone(), |a, b| problem.alike(a, b));
         let groups = in_service.map(|first| Group { first, second: None }).collect();
         let grids = members.iter().map(|&m| Grid::new(problem, m)).collect();
@@ -246,7 +246,7 @@ impl<'a> StringValues<'a> {
             let (now_off, now_on) = before[t * 2 * size..].split_at_mut(size);
             now_on.fill(f64::INFINITY);
             // The request of a string is at most the demand; a move between two nodes covers a smaller request.
-            let cap_w = problem.demand_w[t].min(problem.limit_w[m]);
+            let cap_w = problem.demand_w[t].min(problem.limit_w(m, t));
             let price = price[t] * interval.dt_h;
             if let (true, Some((_, to_c)), Some((_, cost))) = (cap_w > 0.0, &led[which], &priced[which]) {
                 above.fill(f64::INFINITY);
@@ -298,7 +298,7 @@ impl<'a> StringValues<'a> {
     fn bound(&self, price: &[f64]) -> f64 {
         let problem = self.problem;
         let demand = |t: usize| price[t] * problem.demand_w[t] * problem.intervals[t].dt_h;
-        let (n, out) = (problem.n_strings(), |m: usize| problem.limit_w[m] <= 0.0);
+        let (n, out) = (problem.n_strings(), |m: usize| !problem.is_in_service(m));
         let idle = |m: usize| problem.end_cost(m, problem.start[m]);
         let start = |(index, group): (usize, &Group)| {
             self.at(index, 0, problem.start[group.first], problem.running[group.first])
@@ -336,7 +336,7 @@ impl<'a> StringValues<'a> {
         let (problem, m) = (self.problem, self.groups[group].first);
         let (mut state, mut running) = (problem.start[m], problem.running[m]);
         let step = |t: usize| {
-            let cap_w = problem.demand_w[t].min(problem.limit_w[m]);
+            let cap_w = problem.demand_w[t].min(problem.limit_w(m, t));
             let mut best = (f64::INFINITY, 0.0, state);
             for k in 0..=if cap_w > 0.0 { CHOICES } else { 0 } {
                 let request_w = cap_w * k as f64 / CHOICES as f64;

@@ -77,7 +77,10 @@ impl Groups {
         let start = self.members.iter().map(state).collect();
         let running =
             self.members.iter().map(|g| 2 * g.iter().filter(|&&m| problem.running[m]).count() >= g.len());
-        let limit_w = self.members.iter().map(|g| g.iter().map(|&m| problem.limit_w[m]).sum()).collect();
+        let steps = 0..problem.n_steps();
+        let limit_w = |g: &[usize], t: usize| g.iter().map(|&m| problem.limit_w(m, t)).sum();
+        let limit_w: Vec<f64> =
+            self.members.iter().flat_map(|g| steps.clone().map(move |t| limit_w(g, t))).collect();
         let in_service: usize = self.members.iter().map(Vec::len).sum();
         let prices = Prices {
             wear: self.members.iter().map(|g| mean(g, &|m| problem.prices.wear[m])).collect(),
@@ -85,8 +88,15 @@ impl Groups {
             ..problem.prices.clone()
         };
         let intervals = problem.intervals.clone();
-        let groups =
-            PlanProblem::new(model, start, running.collect(), &problem.demand_w, intervals, limit_w, prices)?;
+        let groups = PlanProblem::new(
+            model,
+            start,
+            running.collect(),
+            &problem.demand_w,
+            intervals,
+            &limit_w,
+            prices,
+        )?;
         if problem.has_reactive() {
             return groups.with_reactive(&problem.reactive_var);
         }
@@ -132,7 +142,7 @@ impl Groups {
                         step.share(members, total_w, fewer, &mut power);
                     }
                 }
-                problem.model.set_points(&mut power, &problem.limit_w);
+                problem.model.set_points(&mut power, problem.limits_w(t));
             }
             power
         })
@@ -172,7 +182,7 @@ impl Step<'_> {
         }
         let rest = total_w - members.iter().map(|&m| power[m]).sum::<f64>();
         if rest > ROUNDING_SHARE * total_w {
-            let limit_w = &self.problem.limit_w;
+            let limit_w = self.problem.limits_w(self.t);
             let free: Vec<f64> = members.iter().map(|&m| (limit_w[m] - power[m]).max(0.0)).collect();
             for (&m, more) in members.iter().zip(water_fill(rest, &free, &free)) {
                 power[m] = (power[m] + more).min(limit_w[m]);

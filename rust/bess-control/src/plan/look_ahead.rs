@@ -58,7 +58,7 @@ fn share_step<V: CostToGo>(
     points: &[Point],
 ) -> (Vec<f64>, f64) {
     let demand_w = problem.demand_w[t];
-    let limit_w = &problem.limit_w;
+    let limit_w = problem.limits_w(t);
     let max_w = limit_w.iter().copied().fold(0.0, f64::max);
     let units = ((demand_w / max_w * PARTS as f64).ceil() as usize).max(PARTS);
     let unit_w = demand_w / units as f64;

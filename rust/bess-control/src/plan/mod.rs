@@ -227,13 +227,11 @@ impl PlanProblem<'_> {
             Some(request_w) => Paths::new(self, request_w.to_vec()),
             None => starts::of_rule(Rule::Soc, self),
         };
-        let capacity: f64 = (0..self.n_strings()).map(|m| self.usable_ah(m)).sum();
-        if capacity <= 0.0 {
-            return;
-        }
         let fill = |t: usize| {
-            let charge = |m: usize| self.usable_ah(m) * self.fill_of(m, paths.at(m, t + 1).state);
-            (0..self.n_strings()).map(charge).sum::<f64>() / capacity
+            let capacity: f64 = (0..self.n_strings()).map(|m| self.usable_ah(m, t)).sum();
+            let charge = |m: usize| self.usable_ah(m, t) * self.fill_of(m, paths.at(m, t + 1).state);
+            // Without a string in service nothing is out of balance.
+            (0..self.n_strings()).map(charge).sum::<f64>() / capacity.max(f64::MIN_POSITIVE)
         };
         self.fill = (0..self.n_steps()).map(fill).collect();
         let mut tightness = SLACK;
@@ -242,7 +240,7 @@ impl PlanProblem<'_> {
             tightness = tightness
                 .max(((HARMLESS_MARGIN - margin) / (HARMLESS_MARGIN - HARMFUL_MARGIN)).clamp(0.0, 1.0));
             for m in 0..self.n_strings() {
-                let price = self.prices.balance * tightness * self.usable_ah(m);
+                let price = self.prices.balance * tightness * self.usable_ah(m, t);
                 let place = m * self.n_steps() + t;
                 self.imbalance[place] = price;
             }

@@ -45,8 +45,8 @@ impl Pair {
 
     pub fn room(&self, paths: &Paths<'_>, t: usize) -> Room {
         let sum_w = paths.request(self.first, t) + paths.request(self.second, t);
-        let limit = &paths.problem.limit_w;
-        Room::of(sum_w, limit[self.first], limit[self.second])
+        let limits_w = paths.problem.limits_w(t);
+        Room::of(sum_w, limits_w[self.first], limits_w[self.second])
     }
 
     pub fn cost(&self, paths: &Paths<'_>) -> f64 {

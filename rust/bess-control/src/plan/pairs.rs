@@ -184,8 +184,8 @@ fn in_pairs(problem: &PlanProblem<'_>) -> Vec<usize> {
 
 /// Part of a group in the demand of a step [W]: by capacity, within its limits.
 fn part_of_demand(problem: &PlanProblem<'_>, group: Group, t: usize) -> f64 {
-    let capacity: Vec<f64> = (0..problem.n_strings()).map(|m| problem.usable_ah(m)).collect();
-    let power = water_fill(problem.demand_w[t], &capacity, &problem.limit_w);
+    let capacity: Vec<f64> = (0..problem.n_strings()).map(|m| problem.usable_ah(m, t)).collect();
+    let power = water_fill(problem.demand_w[t], &capacity, problem.limits_w(t));
     power[group.first] + group.second.map_or(0.0, |m| power[m])
 }
 
@@ -198,7 +198,6 @@ fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
     let second = group.second.map(|m| Grid::new(problem, m));
     let (n_a, n_b) = (first.len(), second.as_ref().map_or(1, Grid::len));
     let symmetric = group.second.is_some_and(|m| problem.alike(group.first, m));
-    let limit_w = |m: Option<usize>| m.map_or(0.0, |m| problem.limit_w[m]);
 
     let ends = |m: usize, grid: &Grid, node: usize| problem.end_cost(m, grid.state(node)) as f32;
     let mut end = vec![0f32; n_a * n_b];
@@ -213,8 +212,9 @@ fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
     let mut same_as: Option<usize> = None;
     for t in (0..n_steps).rev() {
         let sum_w = part_of_demand(problem, group, t);
-        let high_w = limit_w(Some(group.first)).min(sum_w);
-        let low_w = (sum_w - limit_w(group.second)).max(0.0).min(high_w);
+        let second_limit_w = group.second.map_or(0.0, |m| problem.limit_w(m, t));
+        let high_w = problem.limit_w(group.first, t).min(sum_w);
+        let low_w = (sum_w - second_limit_w).max(0.0).min(high_w);
         let shares = if high_w - low_w > 1e-6 * sum_w { SHARES } else { 0 };
         // Identical strings are interchangeable, so half of the shares suffice.
         let used = if symmetric { shares / 2 } else { shares };

@@ -39,8 +39,8 @@ pub struct PlanProblem<'a> {
     pub(crate) demand_w: Vec<f64>,
     /// Direction, surroundings and length of each step `(T,)`.
     pub(crate) intervals: Vec<Interval>,
-    /// Maximum requests, constant over all steps `(M,)` [W].
-    pub(crate) limit_w: Vec<f64>,
+    /// Maximum requests `(T, M)` [W]: one step after the other.
+    limit_w: Vec<f64>,
     pub(crate) prices: Prices,
     coefficients_from: CoefficientsFrom,
     /// Fill of the plant at the end of each step `(T,)`, the reference of SOC differences.
@@ -75,7 +75,7 @@ impl<'a> PlanProblem<'a> {
     /// Checks a problem.
     ///
     /// `start` and `running` `(M,)`: measured states, and whether each inverter is on. `demand_w` `(T,)` has no sign, which is
-    /// in `intervals`; demand above the sum of the constant limits `limit_w` `(M,)` is excluded.
+    /// in `intervals`; demand above the sum of the limits `limit_w` `(M, T)` of a step is excluded.
     ///
     /// # Errors
     ///
@@ -86,13 +86,13 @@ impl<'a> PlanProblem<'a> {
         running: Vec<bool>,
         demand_w: &[f64],
         intervals: Vec<Interval>,
-        limit_w: Vec<f64>,
+        limit_w: &[f64],
         prices: Prices,
     ) -> Result<Self, InputError> {
         let (n_strings, n_steps) = (model.strings().len(), demand_w.len());
         check_length("start", &start, n_strings)?;
         check_length("running", &running, n_strings)?;
-        check_length("limit", &limit_w, n_strings)?;
+        check_length("limit", limit_w, n_strings * n_steps)?;
         check_length("intervals", &intervals, n_steps)?;
         check_length("prices of losses", &prices.losses, n_steps)?;
         check_length("wear", &prices.wear, n_strings)?;
@@ -107,11 +107,14 @@ impl<'a> PlanProblem<'a> {
         }
         check_range("start and balance", &[prices.start, prices.balance], (0.0, f64::MAX), "")?;
         check_range("end_charge", &[prices.end_charge], (-f64::MAX, f64::MAX), "")?;
-        for (string, &limit) in model.strings().iter().zip(&limit_w) {
-            check_range("limit", &[limit], (0.0, string.nominal_w() * (1.0 + 1e-9)), " W")?;
+        for (m, string) in model.strings().iter().enumerate() {
+            let row = &limit_w[m * n_steps..(m + 1) * n_steps];
+            check_range("limit", row, (0.0, string.nominal_w() * (1.0 + 1e-9)), " W")?;
         }
-        let total: f64 = limit_w.iter().sum();
-        let demand_w = demand_w.iter().map(|d| d.min(total)).collect();
+        let limit_w: Vec<f64> =
+            (0..n_steps).flat_map(|t| (0..n_strings).map(move |m| limit_w[m * n_steps + t])).collect();
+        let total = |t: usize| limit_w[t * n_strings..(t + 1) * n_strings].iter().sum();
+        let demand_w = demand_w.iter().enumerate().map(|(t, d)| d.min(total(t))).collect();
         let (fill, imbalance) = (vec![0.0; n_steps], vec![0.0; n_strings * n_steps]);
         Ok(Self {
             model,
@@ -149,13 +152,15 @@ impl<'a> PlanProblem<'a> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         check_length("reactive power", reactive_var, n_steps)?;
         check_range("reactive power", reactive_var, (0.0, f64::MAX), " var")?;
-        let total: f64 = self.limit_w.iter().sum();
-        let factors: Vec<f64> = self
-            .demand_w
-            .iter()
-            .zip(reactive_var)
-            .map(|(&p, q)| if p > 0.0 { p.hypot(*q).min(total).max(p) / p } else { 1.0 })
-            .collect();
+        let factor = |t: usize| {
+            let (p, total) = (self.demand_w[t], self.limits_w(t).iter().sum());
+            if p > 0.0 {
+                p.hypot(reactive_var[t]).min(total).max(p) / p
+            } else {
+                1.0
+            }
+        };
+        let factors: Vec<f64> = (0..n_steps).map(factor).collect();
         let strings = self.model.strings();
         let of_inverter =
             |a: usize, b: usize| strings[a].parameters.inverter == strings[b].parameters.inverter;
@@ -195,6 +200,9 @@ impl<'a> PlanProblem<'a> {
         let price = |b: &ops::Range<usize>, kind: usize| mean(b, &|t| self.prices.losses[t].to_array()[kind]);
         coarse.prices.losses =
             blocks.iter().map(|b| Losses::from_array([0, 1, 2, 3].map(|kind| price(b, kind)))).collect();
+        let limit_w = |b: &ops::Range<usize>, m: usize| mean(b, &|t| self.limit_w(m, t));
+        coarse.limit_w =
+            blocks.iter().flat_map(|b| (0..self.n_strings()).map(move |m| limit_w(b, m))).collect();
         coarse.prices.balance = 0.0;
         if !self.curves.is_empty() {
             let curve = |m: usize, b: &ops::Range<usize>| self.curve(m, b.start).clone();
@@ -217,12 +225,19 @@ impl<'a> PlanProblem<'a> {
             return (sample, 1.0);
         }
         sample.limit_w.fill(0.0);
-        for k in 0..n {
-            let m = strings[(2 * k + 1) * strings.len() / (2 * n)];
-            sample.limit_w[m] = self.limit_w[m];
+        for m in (0..n).map(|k| strings[(2 * k + 1) * strings.len() / (2 * n)]) {
+            for t in 0..self.n_steps() {
+                sample.limit_w[t * self.n_strings() + m] = self.limit_w(m, t);
+            }
         }
-        let share = sample.limit_w.iter().sum::<f64>() / self.limit_w.iter().sum::<f64>();
-        sample.demand_w.iter_mut().for_each(|demand_w| *demand_w *= share);
+        let share = |sampled: &[f64], all: &[f64]| match all.iter().sum::<f64>() {
+            0.0 => 0.0,
+            total => sampled.iter().sum::<f64>() / total,
+        };
+        for (t, demand_w) in sample.demand_w.iter_mut().enumerate() {
+            *demand_w *= share(&sample.limit_w[t * self.n_strings()..][..self.n_strings()], self.limits_w(t));
+        }
+        let share = share(&sample.limit_w, &self.limit_w);
         (sample, share)
     }
 
@@ -236,7 +251,7 @@ impl<'a> PlanProblem<'a> {
     /// Whether two strings are equal except for their states.
     pub(crate) fn alike(&self, a: usize, b: usize) -> bool {
         a == b
-            || (self.limit_w[a] == self.limit_w[b]
+            || ((0..self.n_steps()).all(|t| self.limit_w(a, t) == self.limit_w(b, t))
                 && self.prices.wear[a] == self.prices.wear[b]
                 && self.model.strings()[a].parameters == self.model.strings()[b].parameters)
     }
@@ -244,7 +259,7 @@ impl<'a> PlanProblem<'a> {
     /// Groups of identical strings in service.
     pub(crate) fn kinds(&self) -> Vec<Vec<usize>> {
         let mut kinds: Vec<Vec<usize>> = vec![];
-        for m in (0..self.n_strings()).filter(|&m| self.limit_w[m] > 0.0) {
+        for m in (0..self.n_strings()).filter(|&m| self.is_in_service(m)) {
             match kinds.iter_mut().find(|kind| self.alike(kind[0], m)) {
                 Some(kind) => kind.push(m),
                 None => kinds.push(vec![m]),
@@ -287,6 +302,7 @@ impl<'a> PlanProblem<'a> {
     pub(crate) fn same_step(&self, s: usize, t: usize) -> bool {
         self.curves.is_empty()
             && self.demand_w[s] == self.demand_w[t]
+            && self.limits_w(s) == self.limits_w(t)
             && self.intervals[s] == self.intervals[t]
             && self.prices.losses[s] == self.prices.losses[t]
     }
@@ -327,9 +343,31 @@ impl<'a> PlanProblem<'a> {
         self.model.strings()[m].coefficients(self.intervals[t].direction, state)
     }
 
+    /// Maximum request of a string in a step [W].
+    #[inline]
+    pub(crate) fn limit_w(&self, m: usize, t: usize) -> f64 {
+        self.limits_w(t)[m]
+    }
+
+    /// Maximum requests of a step `(M,)` [W].
+    #[inline]
+    pub(crate) fn limits_w(&self, t: usize) -> &[f64] {
+        &self.limit_w[t * self.n_strings()..(t + 1) * self.n_strings()]
+    }
+
+    /// Largest request that a string can get in any step [W].
+    pub(crate) fn most_w(&self, m: usize) -> f64 {
+        (0..self.n_steps()).map(|t| self.demand_w[t].min(self.limit_w(m, t))).fold(0.0, f64::max)
+    }
+
+    /// Whether a string is in service in any step.
+    pub(crate) fn is_in_service(&self, m: usize) -> bool {
+        (0..self.n_steps()).any(|t| self.limit_w(m, t) > 0.0)
+    }
+
     /// Number of strings.
     pub fn n_strings(&self) -> usize {
-        self.limit_w.len()
+        self.start.len()
     }
 
     /// Number of steps.
@@ -390,9 +428,9 @@ impl<'a> PlanProblem<'a> {
         self.model.strings()[m].parameters.capacity_ah
     }
 
-    /// Capacity of a string, reduced if its inverter is limited, because unreachable charge does not help balancing.
+    /// Capacity of a string, reduced while its inverter is limited, because unreachable charge does not help balancing.
     #[inline]
-    pub(crate) fn usable_ah(&self, m: usize) -> f64 {
-        self.capacity_ah(m) * self.limit_w[m] / self.model.strings()[m].nominal_w()
+    pub(crate) fn usable_ah(&self, m: usize, t: usize) -> f64 {
+        self.capacity_ah(m) * self.limit_w(m, t) / self.model.strings()[m].nominal_w()
     }
 }

@@ -28,7 +28,7 @@ fn powers(rule: Rule, problem: &PlanProblem<'_>, t: usize, points: &[Point]) -> 
         strings[m].nominal_w() * (stop_c - points[m].state.temperature_c).max(0.0)
     };
     let caps = deliverable_w(problem, t, points);
-    rule.allocate(demand_w, (&caps, &problem.limit_w), left, cool, t, ROUNDING_SHARE)
+    rule.allocate(demand_w, (&caps, problem.limits_w(t)), left, cool, t, ROUNDING_SHARE)
 }
 
 /// Maximum deliverable power of each string in a step, within its limit [W].
@@ -40,7 +40,7 @@ pub(crate) fn deliverable_w(problem: &PlanProblem<'_>, t: usize, points: &[Point
         let curve = problem.curve(m, t);
         string
             .deliverable_with(curve, &c, interval.direction, state.soc, interval.dt_h)
-            .min(problem.limit_w[m])
+            .min(problem.limit_w(m, t))
     };
     points.iter().enumerate().map(cap).collect()
 }
@@ -52,12 +52,12 @@ pub(crate) fn carried_on(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f6
     for t in 0..n_steps {
         let demand = problem.demand_w[t];
         let mut power: Vec<f64> =
-            (0..n_strings).map(|m| request_w[m * n_steps + t].clamp(0.0, problem.limit_w[m])).collect();
+            (0..n_strings).map(|m| request_w[m * n_steps + t].clamp(0.0, problem.limit_w(m, t))).collect();
         let sum: f64 = power.iter().sum();
         if sum > demand {
             power.iter_mut().for_each(|p| *p *= demand / sum);
         }
-        fill_up(&mut power, demand, &problem.limit_w);
+        fill_up(&mut power, demand, problem.limits_w(t));
         for (m, p) in power.into_iter().enumerate() {
             out[m * n_steps + t] = p;
         }

@@ -63,8 +63,6 @@ impl ControlHorizon {
     /// The problem of a plan at prices of the losses, the same for all strings and steps; nothing else has a price.
     pub(crate) fn plan_problem(&self, losses: Losses) -> Option<PlanProblem<'_>> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
-        // Without the limits of single steps, more is possible.
-        let limit = |m: usize| (0..n_steps).map(|t| self.limit(m, t)).fold(0.0, f64::max);
         let prices = Prices {
             losses: vec![losses; n_steps],
             wear: vec![0.0; n_strings],
@@ -78,7 +76,7 @@ impl ControlHorizon {
             vec![false; n_strings],
             &self.demand_w,
             self.intervals.clone(),
-            (0..n_strings).map(limit).collect(),
+            &self.limit_w,
             prices,
         );
         problem.ok()

@@ -124,7 +124,7 @@ impl<'a> Kind<'a> {
 
     /// Most that a string is asked for in a step [W].
     fn cap_w(&self, t: usize) -> f64 {
-        self.problem.demand_w[t].min(self.problem.limit_w[self.member]) * (1.0 + ROUNDING)
+        self.problem.demand_w[t].min(self.problem.limit_w(self.member, t)) * (1.0 + ROUNDING)
     }
 
     fn n_temperatures(&self) -> usize {
@@ -319,7 +319,7 @@ fn proven(
     let losses = problem.prices.losses.iter();
     let price: Vec<f64> = price.iter().zip(losses).map(|(l, c)| l.min(c.availability)).collect();
     let demand = |t: usize| price[t] * problem.demand_w[t] * problem.intervals[t].dt_h;
-    let idle = (0..problem.n_strings()).filter(|&m| problem.limit_w[m] <= 0.0);
+    let idle = (0..problem.n_strings()).filter(|&m| !problem.is_in_service(m));
     let mut terms: Vec<f64> = (0..problem.n_steps()).map(demand).collect();
     terms.extend(idle.map(|m| problem.end_cost(m, problem.start[m])));
     for (kind, members) in solvers.iter().zip(kinds) {

@@ -16,7 +16,7 @@ pub(super) fn temperatures(problem: &PlanProblem<'_>, members: &[usize], widest_
     let knots = || factor.x().iter().copied();
     // What the strings can warm to in one step more, in parts in which the derating factor is nearly one.
     let soc = Range { low: p.soc_min, high: p.soc_max };
-    let max_w = problem.demand_w.iter().copied().fold(0.0, f64::max).min(problem.limit_w[members[0]]);
+    let max_w = problem.most_w(members[0]);
     let mut reached = (low, high);
     let mut top = high;
     for _ in 0..problem.n_steps() {

@@ -14,15 +14,22 @@ struct Given {
     soc: Vec<f64>,
     temperature_c: f64,
     ambient_c: f64,
+    /// `(M, T)`.
     limit_kw: Vec<f64>,
     derating: f64,
 }
 
 impl Given {
     fn new(demand_kw: Vec<f64>, soc: Vec<f64>, temperature_c: f64) -> Self {
-        let limit_kw = vec![92.0; soc.len()];
+        let limit_kw = vec![92.0; soc.len() * demand_kw.len()];
         let (dt_h, ambient_c, derating) = (0.25, temperature_c, 3e-3);
         Self { demand_kw, dt_h, soc, temperature_c, ambient_c, limit_kw, derating }
+    }
+
+    fn limited(mut self, m: usize, steps: std::ops::Range<usize>, kw: f64) -> Self {
+        let row = m * self.demand_kw.len();
+        self.limit_kw[row + steps.start..row + steps.end].fill(kw);
+        self
     }
 
     fn problem<'a>(&self, model: &'a ControlModel) -> PlanProblem<'a> {
@@ -45,9 +52,9 @@ impl Given {
         let start = self.soc.iter().map(|&soc| StringState { soc, temperature_c: self.temperature_c });
         let intervals = demand_w.iter().map(interval).collect();
         let demand_w: Vec<f64> = demand_w.iter().map(|w| w.abs()).collect();
-        let limit_w = self.limit_kw.iter().map(|kw| kw * 1e3).collect();
+        let limit_w: Vec<f64> = self.limit_kw.iter().map(|kw| kw * 1e3).collect();
         let running = vec![false; self.soc.len()];
-        PlanProblem::new(model, start.collect(), running, &demand_w, intervals, limit_w, prices).unwrap()
+        PlanProblem::new(model, start.collect(), running, &demand_w, intervals, &limit_w, prices).unwrap()
     }
 }
 
@@ -97,7 +104,7 @@ fn violations(given: &Given, share: f64, tries: usize) -> usize {
             _ => random.f64(),
         };
         let state = StringState { soc, temperature_c: coolest + (warmest - coolest) * random.f64() };
-        let max_w = problem.demand_w[t].min(problem.limit_w[0]);
+        let max_w = problem.demand_w[t].min(problem.limit_w(0, t));
         let request_w = match random.u8(0..8) {
             0 => max_w,
             1 => 2e3 * random.f64(),
@@ -142,10 +149,12 @@ fn cheapest(problem: &PlanProblem<'_>, tries: usize) -> f64 {
             order.sort_by(|&a, &b| weights[b].total_cmp(&weights[a]));
             for (place, &m) in order.iter().enumerate() {
                 let weight: f64 = order[place..].iter().map(|&m| weights[m]).sum();
-                let later_w: f64 = order[place + 1..].iter().map(|&m| problem.limit_w[m]).sum();
+                let later_w: f64 = order[place + 1..].iter().map(|&m| problem.limit_w(m, t)).sum();
                 let share_w = left_w * weights[m] / weight;
-                let request_w =
-                    share_w.min(problem.limit_w[m]).max(left_w - later_w).clamp(0.0, problem.limit_w[m]);
+                let request_w = share_w
+                    .min(problem.limit_w(m, t))
+                    .max(left_w - later_w)
+                    .clamp(0.0, problem.limit_w(m, t));
                 left_w -= request_w;
                 let (paid, end) = paid(problem, m, t, states[m], request_w);
                 cost += paid;
@@ -164,8 +173,10 @@ fn no_schedule_costs_less_than_the_bound() {
     let day = steps(&[(6, -39.0), (2, 0.0), (8, 39.0), (2, 12.0), (4, -70.0)]);
     let mut cases = vec![
         Given::new(day.clone(), vec![0.5, 0.5], 25.0),
-        Given::new(day.clone(), vec![0.4, 0.6, 0.9], -5.0),
-        Given::new(day.clone(), vec![0.5, 0.2], 44.0),
+        Given::new(day.clone(), vec![0.4, 0.6, 0.9], -5.0).limited(2, 0..day.len(), 0.0),
+        Given::new(day.clone(), vec![0.5, 0.2], 44.0).limited(0, 0..day.len(), 60.0),
+        // A string is out of service for some of the steps, another is limited later.
+        Given::new(day.clone(), vec![0.6, 0.4, 0.5], 25.0).limited(0, 8..20, 0.0).limited(1, 15..22, 40.0),
         Given::new(steps(&[(12, 80.0)]), vec![0.05, 0.3], 25.0),
         Given::new(steps(&[(12, -80.0)]), vec![0.99, 0.7], 25.0),
         Given::new(vec![39.0], vec![0.5, 0.5], 25.0),
@@ -174,8 +185,6 @@ fn no_schedule_costs_less_than_the_bound() {
         // An inverter needs more than it is asked for, and takes the rest from the battery.
         Given::new(vec![-0.45], vec![0.5, 0.5], 25.0),
     ];
-    cases[1].limit_kw[2] = 0.0;
-    cases[2].limit_kw[0] = 60.0;
     cases.push(Given { dt_h: 1.0 / 60.0, ..Given::new(day.repeat(3), vec![0.5, 0.5], 25.0) });
     cases.push(Given { ambient_c: 45.0, ..Given::new(day.clone(), vec![0.5, 0.5], 30.0) });
     // Derated requests that cost less than the demand is worth.
