@@ -71,13 +71,7 @@ def _real(value: object) -> float:
 
 
 def number_array(name: str, values: ArrayLike) -> Array:
-    """Return ``values`` as float64.
-
-    Raises
-    ------
-    InputError
-        The values are not numbers.
-    """
+    """Return ``values`` as float64."""
     try:
         return real_numbers(values)
     except (TypeError, ValueError) as error:
@@ -85,13 +79,7 @@ def number_array(name: str, values: ArrayLike) -> Array:
 
 
 def finite_array(name: str, values: ArrayLike) -> Array:
-    """Return ``values`` as float64, all of them finite.
-
-    Raises
-    ------
-    InputError
-        A value is not a number, or not finite; the message gives the position of the first.
-    """
+    """Return ``values`` as float64, all of them finite."""
     array = number_array(name, values)
     finite = np.isfinite(array)
     if not finite.all():
@@ -102,13 +90,7 @@ def finite_array(name: str, values: ArrayLike) -> Array:
 
 
 def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, float], unit: str) -> Array:
-    """Return one finite value for each step within limits, from a scalar or one value for each step.
-
-    Raises
-    ------
-    InputError
-        If there are more or fewer values, or with the worst of those outside the limits.
-    """
+    """Return one finite value for each step within limits, from a scalar or one value for each step."""
     array = finite_array(name, values)
     if array.shape not in ((), (n_steps,)):
         raise InputError(
@@ -122,13 +104,7 @@ def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, f
 
 
 def one_number(name: str, value: ArrayLike) -> float:
-    """Return one finite number.
-
-    Raises
-    ------
-    InputError
-        For any other value.
-    """
+    """Return one finite number."""
     array = finite_array(name, value)
     if array.ndim:
         raise InputError(f"{name} has shape {array.shape}; give one number")
@@ -136,13 +112,7 @@ def one_number(name: str, value: ArrayLike) -> float:
 
 
 def require_positive(place: str, **values: tuple[float | None, str]) -> None:
-    """Raise InputError for values that are not finite, positive numbers; each has a unit; None is accepted.
-
-    Raises
-    ------
-    InputError
-        With ``place``, the name of the first such number and its value.
-    """
+    """Raise InputError unless all values are finite and positive; each has a unit; None is accepted."""
     for name, (value, unit) in values.items():
         if value is None:
             continue

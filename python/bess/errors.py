@@ -35,13 +35,7 @@ class StoppedEarly(BessError):  # noqa: N818 - an outcome, not a fault
 
 @contextmanager
 def placed(place: str) -> Iterator[None]:
-    """Begin the message of an :class:`InputError` with its place, such as the name of a run, if given.
-
-    Raises
-    ------
-    InputError
-        That error, with its place.
-    """
+    """Begin the message of an :class:`InputError` with its place, such as the name of a run, if given."""
     try:
         yield
     except InputError as error:

@@ -78,14 +78,7 @@ def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
 
 
 def read_file(path: str | Path, largest: int = MAX_BYTES) -> bytes:
-    """Return the content of a file.
-
-    Raises
-    ------
-    InputError
-        There is no such file (:class:`MissingFileError`), it cannot be read, is a pipe or a device, or holds
-        more than ``largest`` bytes.
-    """
+    """Return the content of a file."""
     try:
         kind = Path(path).stat().st_mode
         if not stat.S_ISREG(kind):
@@ -103,13 +96,7 @@ def read_file(path: str | Path, largest: int = MAX_BYTES) -> bytes:
 
 
 def limited(file: IO[bytes] | BufferedIOBase, path: str | Path, largest: int = MAX_BYTES) -> bytes:
-    """Return the rest of an open file; raise InputError beyond ``largest`` bytes.
-
-    Raises
-    ------
-    InputError
-        The rest exceeds the maximum size.
-    """
+    """Return the rest of an open file; raise InputError beyond ``largest`` bytes."""
     raw = file.read(largest + 1)
     if len(raw) > largest:
         size = f"{largest // 2**20} MiB"

@@ -13,13 +13,7 @@ Extra = Literal["report", "sweep", "market", "plant", "distil"]
 
 @contextmanager
 def extra(name: Extra, purpose: str) -> Iterator[None]:
-    """Import a module of an extra; ``purpose`` begins the error message if it is not installed.
-
-    Raises
-    ------
-    InputError
-        The module is missing; the message gives the command that installs the extra.
-    """
+    """Import a module of an extra; ``purpose`` begins the error message if it is not installed."""
     try:
         yield
     except ImportError as error:

@@ -128,13 +128,7 @@ class PersistenceForecast:
 
 
 def steps_in(duration_h: float, dt_h: float, what: str) -> int:
-    """Return the number of steps of `dt_h` in `duration_h`, a whole number >= 1.
-
-    Raises
-    ------
-    InputError
-        It is not a multiple of the step; the message names the quantity ``what``.
-    """
+    """Return the number of steps of `dt_h` in `duration_h`, a whole number >= 1."""
     if not (np.isfinite(dt_h) and dt_h > 0.0):
         raise InputError(f"control step {dt_h} h must be above 0 h")
     steps = duration_h / dt_h if np.isfinite(duration_h) else 0.0
@@ -158,13 +152,7 @@ def price_ends_of(values: Array, dt_h: float) -> npt.NDArray[np.int64]:
 
 
 def checked_series(values: npt.ArrayLike) -> Array:
-    """Return a series as numbers.
-
-    Raises
-    ------
-    InputError
-        It is empty, not finite, or of several dimensions.
-    """
+    """Return a series as numbers."""
     series = finite_array("the series of a forecast", values).copy()
     if series.ndim != 1 or series.size == 0:
         raise InputError(f"a forecast needs a series of at least one value; its shape is {series.shape}")

@@ -42,11 +42,6 @@ def two_cycles_48h(hi_kw: float = 78.0, lo_kw: float = 30.0, dt_h: float = 0.25)
 
     From SOC 0.5 of the reference plant: blocks at `hi_kw` with tails at `lo_kw`.
     `dt_h` must divide a quarter of an hour, on which the blocks begin.
-
-    Raises
-    ------
-    InputError
-        A power is negative or not finite.
     """
     for name, value in (("hi_kw", hi_kw), ("lo_kw", lo_kw)):
         if not (np.isfinite(value) and value >= 0.0):

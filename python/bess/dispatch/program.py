@@ -154,13 +154,7 @@ class StoreProgram(LinearProgram):
         self.at_most(max_discharge, (self.discharge[steps], 1.0), (charges, max_discharge))
 
     def solve(self) -> StoreSchedule:
-        """Return an optimal schedule, the same for the same program.
-
-        Raises
-        ------
-        BessError
-            The program has no solution.
-        """
+        """Return an optimal schedule, the same for the same program."""
         from scipy import sparse
         from scipy.optimize import linprog
 

@@ -160,13 +160,7 @@ def store_value(
 
 
 def price_steps(prices: Any, dt_h: float) -> tuple[Array, float]:
-    """Return prices as an array, and the step [h] of their times; ``dt_h`` for prices without times.
-
-    Raises
-    ------
-    InputError
-        Prices are not one finite value for each step, in order.
-    """
+    """Return prices as an array, and the step [h] of their times; ``dt_h`` for prices without times."""
     price = finite_array("prices", prices)
     if price.ndim != 1 or price.size == 0:
         raise InputError(f"prices have shape {price.shape}; give one value for each step, at least one")

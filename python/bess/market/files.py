@@ -93,11 +93,6 @@ def reading(path: str | PathLike[str]) -> Iterator[tuple[bytes, Repairs]]:
     """Yield the unpacked content of a file and the list of its repairs, which is logged at the end.
 
     Errors raised inside the block are reported with the path of the file.
-
-    Raises
-    ------
-    InputError
-        The path is invalid, the file cannot be read, or the block raises an InputError.
     """
     name = _path_text(path)
     raw, repairs = read_file(name), Repairs()

@@ -34,11 +34,6 @@ def regular(
     Missing values at both ends are cut. Gaps of up to `bridged_s` are bridged by a straight line. Where a
     file changes to a finer step, coarse values of up to `bridged_s` are held. These repairs are reported.
     With `bridged_s` 0 they are errors, unless `fill` gives a method for gaps.
-
-    Raises
-    ------
-    InputError
-        No values; irregular times; a gap longer than `bridged_s` without `fill`.
     """
     if fill is not None and fill not in get_args(Fill):
         fail(None, f"fill {fill!r} is unknown; allowed are {', '.join(get_args(Fill))}")

@@ -66,13 +66,7 @@ def is_time(cell: str) -> bool:
 
 
 def clock_of(name: str) -> tzinfo:
-    """Return a time zone by name: an IANA zone or a fixed offset such as ``UTC+1``.
-
-    Raises
-    ------
-    InputError
-        The time zone is unknown.
-    """
+    """Return a time zone by name: an IANA zone or a fixed offset such as ``UTC+1``."""
     fixed = _FIXED.fullmatch(str(name).strip())
     if fixed:
         sign, hours, minutes = fixed.groups()

@@ -163,12 +163,6 @@ class _Simulation:
         -------
         Flows
             Arrays in the shape of ``request_kw``.
-
-        Raises
-        ------
-        InputError
-            Wrong shape, NaN, a request or reactive power above nominal power, a step that is not a multiple
-            of the plant step, or more than 1e10 plant steps x strings. The state is then unchanged.
         """
         request = _numbers("request_kw", request_kw, (*self._lead, "n_steps", self._shape[-1]), "kW")
         reactive = self._reactive(reactive_kvar, request.shape)
@@ -189,13 +183,7 @@ class _Simulation:
         return PlantSnapshot(**arrays)
 
     def restore(self, snapshot: PlantSnapshot) -> None:
-        """Restore a snapshot; the simulation continues from it to the last bit.
-
-        Raises
-        ------
-        InputError
-            Not a snapshot, or not a snapshot of such a plant.
-        """
+        """Restore a snapshot; the simulation continues from it to the last bit."""
         if not isinstance(snapshot, PlantSnapshot):
             raise InputError(f"plant: snapshot must be a PlantSnapshot, not {type(snapshot).__name__}")
         arrays = vars(snapshot).copy()

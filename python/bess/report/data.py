@@ -32,13 +32,7 @@ _DAILY_FROM_DAYS = 31.0
 
 
 def dataset_of(result: Result) -> xr.Dataset:
-    """Return the dataset of a result; a dataset is returned as it is.
-
-    Raises
-    ------
-    InputError
-        The run has no steps yet.
-    """
+    """Return the dataset of a result; a dataset is returned as it is."""
     dataset: xr.Dataset = getattr(result, "dataset", result)  # type: ignore[arg-type]
     if dataset.sizes.get("time", 0) == 0:
         raise InputError("the result has no time steps yet; run the study first")
@@ -50,11 +44,6 @@ def told_apart(results: Results) -> Iterator[tuple[str, xr.Dataset, str, bool]]:
 
     Curves of runs with bit-identical delivered powers coincide: the later ones are dashed, so that the first
     remains visible, and named after it.
-
-    Raises
-    ------
-    InputError
-        There is no result, or one without steps.
     """
     # A dataset is a mapping of its variables, so it has to be ruled out first.
     several = isinstance(results, Mapping) and not hasattr(results, "sizes")

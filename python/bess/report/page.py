@@ -94,11 +94,6 @@ def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
         Runs by displayed name.
     directory
         Folder for the page and its figures.
-
-    Raises
-    ------
-    InputError
-        The folder contains a run, or cannot be created.
     """
     if (directory / IDENTITY).exists():
         raise InputError(f"{directory}: holds a run itself; use another output folder for the comparison")

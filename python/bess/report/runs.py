@@ -99,13 +99,7 @@ class Run:
         return str(self._saved.get(GAIN_RULE, ""))
 
     def run_rules(self) -> None:
-        """Simulate the rules on the demand of a finished run, unless done already; save the gain in its KPIs.
-
-        Raises
-        ------
-        BessError
-            The record cannot be replayed.
-        """
+        """Simulate the rules on the demand of a finished run, unless done already; save the gain in KPIs."""
         if self.gain_rule or not self.finished:
             return
         from bess.simulation.hindsight.replay import gain_over_rules
@@ -139,13 +133,7 @@ class Run:
 
 
 def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
-    """Return the runs of a directory by name, and the reasons why others cannot be shown.
-
-    Raises
-    ------
-    InputError
-        There is no run to show.
-    """
+    """Return the runs of a directory by name, and the reasons why others cannot be shown."""
     runs: dict[str, Run] = {}
     problems: dict[str, str] = {}
     # In the order of the study file, as in the summary of all runs; names not in it come last.

@@ -175,13 +175,6 @@ class ClosedLoop:
         """Run up to ``most`` control steps in one call of the core; only where :attr:`in_blocks`.
 
         A policy without controller decides step by step; steps that it skips run together.
-
-        Raises
-        ------
-        InputError
-            The controller refuses its input.
-        BessError
-            The set-points do not sum to the demand.
         """
         inputs, first = self.inputs, self.step
         policy = cast(Any, self.policy)

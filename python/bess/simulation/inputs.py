@@ -62,13 +62,7 @@ class Inputs(RunDemand):
 
 
 def prepare(study: Study, system: System | None = None) -> Inputs:
-    """Read all files of a study and check that they cover the run; ``system`` replaces that of the study.
-
-    Raises
-    ------
-    InputError
-        A file is invalid, or the parts of the study do not fit each other.
-    """
+    """Read all files of a study and check that they cover the run; ``system`` replaces that of the study."""
     system = build_system(study.system, study.run, study.wear, system)
     setting = Setting(study.name, study.run, study.budget, study.settlement, system)
     if setting.step_s != round(setting.step_s):
@@ -119,13 +113,7 @@ def _ambient(choice: WeatherSection, file: str, setting: Setting, grid: TimeGrid
 
 
 def limits_of(events: tuple[Event, ...], system: System, grid: TimeGrid) -> Array:
-    """Power of each inverter in service [kW], shape ``(n_steps, n_strings)``.
-
-    Raises
-    ------
-    InputError
-        An event names a string that the system does not have, or is outside the run.
-    """
+    """Power of each inverter in service [kW], shape ``(n_steps, n_strings)``."""
     limit = np.broadcast_to(system.nominal_kw, (grid.n_steps, system.n_strings))
     if events:
         limit = limit.copy()

@@ -32,11 +32,6 @@ class Installations(Checkpointed):
     ----------
     any : bool
         Whether the run can have any such event.
-
-    Raises
-    ------
-    InputError
-        A table names a string that the system does not have, or a date before the run.
     """
 
     _carried = ("_ended",)

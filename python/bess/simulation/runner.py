@@ -142,14 +142,7 @@ def _is_finished(directory: Path, identity: provenance.Identity, *, resume: bool
 
 
 def closed_loop(study: Study, inputs: Inputs, own: Policy | None = None) -> ClosedLoop:
-    """Build the policy (``own``, or that of the study) and the plant at the first step.
-
-    Raises
-    ------
-    InputError
-        The policy or the plant refuses its inputs, such as an SOC outside its window or an unstable plant
-        step.
-    """
+    """Build the policy (``own``, or that of the study) and the plant at the first step."""
     policy = own or build_policy(study.policy.name, inputs.system, policy_settings(study, inputs.system))
     plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=study.run.derating_law)
     return ClosedLoop(

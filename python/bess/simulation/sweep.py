@@ -143,15 +143,7 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 @contextmanager
 def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client]:
-    """Yield a Dask client; a cluster started here is stopped at the end.
-
-    Raises
-    ------
-    InputError
-        If both are given, or ``workers`` is not positive.
-    BessError
-        If the scheduler does not answer.
-    """
+    """Yield a Dask client; a cluster started here is stopped at the end."""
     from distributed import Client, LocalCluster
 
     if workers is not None and scheduler is not None:

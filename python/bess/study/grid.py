@@ -29,13 +29,7 @@ class TimeGrid:
 
     @classmethod
     def of(cls, start: datetime, step_s: float, days: float) -> TimeGrid:
-        """Return the time grid of ``days`` days, a whole number of steps.
-
-        Raises
-        ------
-        InputError
-            If the days are not a whole number of steps, or end after the year 9999.
-        """
+        """Return the time grid of ``days`` days, a whole number of steps."""
         steps = days * _S_PER_DAY / step_s
         if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
             below, above = (max(1, n) * step_s / _S_PER_DAY for n in (math.floor(steps), math.ceil(steps)))
@@ -137,13 +131,7 @@ class SampledSeries:
     def from_pandas(
         cls, series: pd.Series[float], what: str, key: str, repeat_key: str | None = None
     ) -> SampledSeries:
-        """Convert a gap-free series with a time-zone aware index.
-
-        Raises
-        ------
-        InputError
-            If the series has fewer than two values.
-        """
+        """Convert a gap-free series with a time-zone aware index."""
         import pandas as pd
 
         utc = pd.DatetimeIndex(series.index).tz_convert("UTC").tz_localize(None)
@@ -165,13 +153,7 @@ class SampledSeries:
         return datetime.fromtimestamp(self.start_s, tz=UTC)
 
     def days_from(self, start: datetime, step_s: float) -> float:
-        """Days of whole control steps from ``start`` to the end of the series.
-
-        Raises
-        ------
-        InputError
-            If the series has no whole step after ``start``.
-        """
+        """Days of whole control steps from ``start`` to the end of the series."""
         steps = (self.end_s - seconds_of(start)) // step_s
         if steps < 1:
             raise InputError(
@@ -181,13 +163,7 @@ class SampledSeries:
         return steps * step_s / _S_PER_DAY
 
     def on(self, grid: TimeGrid) -> NDArray[np.float64]:
-        """Return the mean over each step of ``grid``; each value is held until the next.
-
-        Raises
-        ------
-        InputError
-            The series does not cover all steps of the grid.
-        """
+        """Return the mean over each step of ``grid``; each value is held until the next."""
         if grid.start_s < self.start_s or grid.end_s > self.end_s:
             # A series repeats after its end, not always before its start.
             repeats = self.repeat_key is not None and self.start_s <= grid.start_s

@@ -28,13 +28,7 @@ def value_at(document: object, key: str) -> Any:
 
 
 def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:
-    """Return a copy of ``document`` in which the dotted ``key`` has ``value``; an index addresses a list.
-
-    Raises
-    ------
-    InputError
-        The key has more dots than any.
-    """
+    """Return a copy of ``document`` in which the dotted ``key`` has ``value``; an index addresses a list."""
     changed = copy.deepcopy(dict(document))
     node: Any = changed
     *path, last = key.split(".")
@@ -50,13 +44,7 @@ def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:
 
 
 def parse_assignment(text: str) -> tuple[str, Any]:
-    """Split ``key=value``; the value is TOML, and any other word is a text.
-
-    Raises
-    ------
-    InputError
-        The text has no ``=``, or its value looks like TOML but is not valid.
-    """
+    """Split ``key=value``; the value is TOML, and any other word is a text."""
     key, found, raw = text.partition("=")
     key, raw = key.strip(), raw.strip()
     if not found or not key or not raw:

@@ -19,13 +19,7 @@ from bess.system.parse import PER_STRING_SITE, check_layout, put_over, replaced,
 def build_system(
     choice: SystemSection, run: RunSection, wear: WearSection, given: System | None = None
 ) -> System:
-    """Return the system of a study; ``given`` replaces the file of the study.
-
-    Raises
-    ------
-    InputError
-        From the system file, or if the number of initial values differs from the number of strings.
-    """
+    """Return the system of a study; ``given`` replaces the file of the study."""
     if not isinstance(given, System | None):
         raise InputError(f"system must be a bess.System, not {type(given).__name__}; see bess.load_system")
     name = choice.file if given is None else given.name

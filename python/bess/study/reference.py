@@ -278,13 +278,7 @@ STUDY: Final = "study.toml"
 
 
 def start(directory: Path) -> Path:
-    """Write ``study.toml`` into a folder, created if necessary; return its path.
-
-    Raises
-    ------
-    InputError
-        If the file exists already; it is not overwritten.
-    """
+    """Write ``study.toml`` into a folder, created if necessary; return its path."""
     path = directory / STUDY
     if path.exists():
         raise InputError(f"{path}: exists already and is not overwritten; specify another folder")

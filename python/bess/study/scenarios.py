@@ -80,11 +80,6 @@ def refined(
         The study, whose axis names what to ``maximise``; without it there are no further runs.
     runs, kpis
         Runs so far, and the KPIs of the finished ones, by name.
-
-    Raises
-    ------
-    InputError
-        The study has scenarios or further axes, values that are not numbers, or runs without this KPI.
     """
     axis = next((axis for axis in study.sweep if axis.maximise is not None), None)
     if axis is None or axis.key is None or axis.maximise is None:

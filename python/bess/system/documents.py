@@ -35,13 +35,7 @@ _PLAIN_WORDS = {
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Parse a TOML file, with or without a byte-order mark; every failure is an InputError with the path.
-
-    Raises
-    ------
-    InputError
-        The file does not exist (:class:`bess.files.MissingFileError`), is not a text, or is not TOML.
-    """
+    """Parse a TOML file, with or without a byte-order mark; every failure is an InputError with the path."""
     raw = read_file(path, _MAX_BYTES)
     try:
         return parse_toml(raw.decode("utf-8-sig").replace("\r\n", "\n"))
@@ -51,13 +45,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def plain(value: object, name: str, place: str = "", depth: int = 0) -> Any:
-    """Return a copy of ``value``, which may contain tables, lists, strings and numbers only.
-
-    Raises
-    ------
-    InputError
-        A value of another type, with its key, or nesting that is too deep.
-    """
+    """Return a copy of ``value``, which may contain tables, lists, strings and numbers only."""
     if depth > _MAX_DEPTH:
         raise InputError(f"{name}: {place[:80]}...: nested deeper than {_MAX_DEPTH} levels")
     if isinstance(value, np.ndarray | np.generic):

@@ -65,13 +65,7 @@ STRING_SECTIONS = {field.alias or name: field for name, field in StringParameter
 def parse_system(
     document: Mapping[str, Any], name: str
 ) -> tuple[tuple[StringParameters, ...], PlantSections]:
-    """Validate a document; return the sections of every string and those of the whole plant.
-
-    Raises
-    ------
-    InputError
-        An unknown table or key, or lists that do not match the number of strings.
-    """
+    """Validate a document; return the sections of every string and those of the whole plant."""
     check_layout(document, name)
     overrides = document.get("string", [])
     site = document.get("system", {})

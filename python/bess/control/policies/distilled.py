@@ -38,14 +38,7 @@ class DistilledPolicy(Checkpointed):
 
 
 def build(system: System, settings: Settings) -> DistilledPolicy:
-    """Return the controller of ``policy.file``, which must have been distilled for this plant.
-
-    Raises
-    ------
-    InputError
-        The file is missing or not from ``bess distil``, or it is for another plant, control step or
-        prediction horizon.
-    """
+    """Return the controller of ``policy.file``, which must have been distilled for this plant."""
     refuse_reactive('policy.name = "distilled"', "use mpc or a rule", requested=settings.reactive)
     file = settings.policy.file
     if file is None:

@@ -55,13 +55,7 @@ class SplitProblem:
         ambient_c: ArrayLike | None,
         limit_kw: ArrayLike | None,
     ) -> SplitProblem:
-        """Check the arguments of a call.
-
-        Raises
-        ------
-        InputError
-            An argument does not fit the system or the horizon.
-        """
+        """Check the arguments of a call."""
         system.check_state(state)
         demand = finite_array("demand_kw", demand_kw)
         if demand.ndim != 1 or demand.size != n_steps:
@@ -104,13 +98,7 @@ class SplitProblem:
 
 
 def demand_of_steps(demand_kw: ArrayLike) -> Array:
-    """Return a demand of at least one step, ``(n_steps,)`` [kW].
-
-    Raises
-    ------
-    InputError
-        It has another shape, no step, or values that are not finite numbers.
-    """
+    """Return a demand of at least one step, ``(n_steps,)`` [kW]."""
     demand = finite_array("demand_kw", demand_kw)
     if demand.ndim != 1 or demand.size == 0:
         raise InputError(
@@ -122,13 +110,7 @@ def demand_of_steps(demand_kw: ArrayLike) -> Array:
 def check_horizon(
     system: System, horizon_steps: int, dt_h: float, max_steps: int = MAX_HORIZON_STEPS
 ) -> None:
-    """Check the plant and the prediction horizon of a split or a plan.
-
-    Raises
-    ------
-    InputError
-        Not a system, a horizon or a step out of range, or a step too long for the thermal model.
-    """
+    """Check the plant and the prediction horizon of a split or a plan."""
     if not isinstance(system, System):
         raise InputError(f"system must be a bess.System, not {type(system).__name__}")
     whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)

@@ -43,13 +43,7 @@ class Address:
 
 
 def parse_address(text: str) -> Address:
-    """Parse the address of a plant.
-
-    Raises
-    ------
-    InputError
-        The kind, scheme, port or an option is unknown.
-    """
+    """Parse the address of a plant."""
     kind, equals, rest = text.partition("=")
     if not equals or kind not in _STRINGS or not rest:
         raise InputError(f"plant {text!r}: expected {' or '.join(_EXAMPLES.values())}")

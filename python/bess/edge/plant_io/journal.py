@@ -93,11 +93,6 @@ class Journal:
     A disk failure neither stops the caller nor delays it for more than a moment: :attr:`error` reports it,
     and the next :meth:`append` tries again. ``title`` is the title of the report. Beyond ``max_mb``, the
     oldest days before today are removed.
-
-    Raises
-    ------
-    InputError
-        The folder holds the journal of another number of strings.
     """
 
     def __init__(self, directory: Path, system: System, title: str, max_mb: float = 2000.0) -> None:

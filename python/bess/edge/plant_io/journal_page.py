@@ -33,13 +33,7 @@ _SAME_POWER: Final = 0.02
 
 
 def write_journal_report(directory: Path) -> Path:
-    """Write ``report.html`` and ``figures/`` for the journal of a plant; return the page.
-
-    Raises
-    ------
-    InputError
-        There is no journal, or it is empty.
-    """
+    """Write ``report.html`` and ``figures/`` for the journal of a plant; return the page."""
     journal = open_journal(directory)
     binned = in_bins(journal)
     try:

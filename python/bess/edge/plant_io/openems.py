@@ -118,11 +118,6 @@ class Link(StringLink[str]):
     Without names in the address, strings are all ``essN`` that accept set-points, in the order of their
     numbers. Without user and password, these are taken from ``BESS_PLANT_USER`` and ``BESS_PLANT_PASSWORD``.
     Methods are those of :class:`bess.edge.plant_io.PlantLink`.
-
-    Raises
-    ------
-    InputError
-        The address has another number of strings, or an invalid name of a component.
     """
 
     refresh_s = REFRESH_S

@@ -251,13 +251,7 @@ class SimulatedPartner(ABC):
         """Address for ``--plant``."""
 
     def start(self) -> None:
-        """Listen; after a stop, at the same port.
-
-        Raises
-        ------
-        InputError
-            The port is in use.
-        """
+        """Listen; after a stop, at the same port."""
         try:
             self._port = self._listen(self._port)
         except (RuntimeError, OSError, TimeoutError) as error:

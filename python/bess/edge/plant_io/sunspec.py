@@ -40,11 +40,6 @@ class Link(StringLink[Device]):
 
     The address names units as ``1`` or, at another host, ``1@10.0.0.6:502``; the default is 1, 2, ... Methods
     are those of :class:`bess.edge.plant_io.PlantLink`.
-
-    Raises
-    ------
-    InputError
-        The address has another number of units, or an invalid unit.
     """
 
     def __init__(self, address: Address, n_strings: int) -> None:

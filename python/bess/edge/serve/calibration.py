@@ -48,11 +48,6 @@ class Calibration(Checkpointed):
         Next string, start [s of the controller's clock] and cost [kWh].
     full_s : ndarray, shape (n_strings,)
         Time when each string was last full; initially spread over the period.
-
-    Raises
-    ------
-    InputError
-        A period is set, but there is no other string to supply the load.
     """
 
     _carried = ("string", "target_soc", "planned", "full_s")
@@ -84,13 +79,7 @@ class Calibration(Checkpointed):
         return None if self._period_s is None else self.full_s + self._period_s
 
     def begin(self, string: int, target_soc: float = 1.0) -> None:
-        """Charge a string to a SOC while the others supply the load.
-
-        Raises
-        ------
-        InputError
-            The string is unknown, the plant has only one string, or the target is outside the window.
-        """
+        """Charge a string to a SOC while the others supply the load."""
         n = self._system.n_strings
         if not 0 <= string < n:
             raise InputError(f"string = {string}: the plant has strings 0 to {n - 1}")

@@ -48,11 +48,6 @@ class SocLimits:
         SOC window of ``service.soc_floor`` and ``soc_ceiling``, which only a calibration exceeds.
     minimum_kw : ndarray, shape (n_strings,)
         Minimum magnitude of a set-point other than zero.
-
-    Raises
-    ------
-    InputError
-        The settings leave a string without a window, or are for another number of strings.
     """
 
     def __init__(self, system: System, service: ServiceSection, step_s: float) -> None:

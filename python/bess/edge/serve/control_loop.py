@@ -44,11 +44,6 @@ class Demands:
 
     With ``service.follow_profile`` the profile applies within its times, and at all times with
     ``demand.repeat``. No demand is not a demand of zero: the plant is released.
-
-    Raises
-    ------
-    InputError
-        If ``service.follow_profile`` is set and the study has no profile.
     """
 
     def __init__(self, study: Study, plan_s: float) -> None:

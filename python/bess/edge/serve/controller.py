@@ -64,11 +64,6 @@ class Controller(Checkpointed):
         Validated state, capability, and forecast (present step first) of the last step.
     answers, fallbacks, charged_kwh, discharged_kwh
         Totals since the state began: answers, and energy requested of each string ``>= 0``.
-
-    Raises
-    ------
-    InputError
-        The settings do not fit the system.
     """
 
     _carried = (

@@ -60,13 +60,7 @@ BACKLOG: Final = 64
 
 
 def read_token(path: Path) -> str:
-    """Return the token of a file: its only line.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or the token is too short to be secure.
-    """
+    """Return the token of a file: its only line."""
     try:
         with path.open("rb") as file:
             token = file.read(_MAX_TOKEN_LENGTH + 1).decode("ascii").strip()
@@ -87,13 +81,7 @@ def is_allowed(token: str, authorization: str | None) -> bool:
 
 
 def check_token(host: str, token: str | None, drives: bool) -> None:
-    """Require a token to control a plant, or to listen to other machines.
-
-    Raises
-    ------
-    InputError
-        An option is missing.
-    """
+    """Require a token to control a plant, or to listen to other machines."""
     if token is not None:
         return
     if drives:
@@ -138,13 +126,7 @@ class Names:
 
     @classmethod
     def of(cls, host: str, allowed: Iterable[str] = ()) -> Names:
-        """Return the names of a service that listens on ``host``, and the further allowed names.
-
-        Raises
-        ------
-        InputError
-            An allowed name is not a host name.
-        """
+        """Return the names of a service that listens on ``host``, and the further allowed names."""
         given = {text: _authority(text) for text in allowed}
         for text, authority in given.items():
             if authority is None:

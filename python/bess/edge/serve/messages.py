@@ -109,13 +109,7 @@ def sentence(problems: Sequence[Any], path: str) -> str:
 
 
 def measurements_of(message: SplitMessage, system: System) -> Measurements:
-    """Return the measurements of a request.
-
-    Raises
-    ------
-    InputError
-        The measurements do not fit the strings of the system.
-    """
+    """Return the measurements of a request."""
     strings = message.strings
     if len(strings) != system.n_strings:
         raise InputError(f"strings: {len(strings)} entries for a system of {system.n_strings} strings")

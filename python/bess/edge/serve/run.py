@@ -54,13 +54,7 @@ def serve(
     allowed_hosts: Sequence[str] = (),
     simulated: bool = False,
 ) -> None:
-    """Listen until a signal ends the process; a simulated plant needs no token.
-
-    Raises
-    ------
-    InputError
-        The study, the token or an address is invalid.
-    """
+    """Listen until a signal ends the process; a simulated plant needs no token."""
     refuse_reactive("the service", "share it by another controller", requested=study.reactive is not None)
     token = None if token_file is None else read_token(token_file)
     check_token(host, token, drives=plant is not None and not shadow and not simulated)
@@ -138,13 +132,7 @@ def _end_process() -> None:
 
 @contextmanager
 def _held(folder: Path) -> Iterator[None]:
-    """Lock the state folder; the service starts without the lock if the disk is full or does not respond.
-
-    Raises
-    ------
-    InputError
-        The path cannot be a folder, or another process holds the lock.
-    """
+    """Lock the state folder; the service starts without the lock if the disk is full or does not respond."""
     with ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -32,13 +32,7 @@ _UNMET_KW: Final = 1e-3
 
 
 def build_controller(study: Study, *, background: bool = True) -> tuple[Controller, list[str]]:
-    """Return the controller of a study, and notes on deviations from the study.
-
-    Raises
-    ------
-    InputError
-        The study or its system is invalid, or the policy does not fit.
-    """
+    """Return the controller of a study, and notes on deviations from the study."""
     notes = []
     if study.policy.objectives.kind == "money":
         # Prices belong to the demand, which comes from outside here.

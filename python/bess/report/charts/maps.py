@@ -61,13 +61,7 @@ def _months(dataset: xr.Dataset) -> Values:
 
 @styled()
 def heat_maps(result: Result) -> Figure:
-    """Maps of day by hour of the day (UTC): delivered power, mean SOC, hottest string, and price if any.
-
-    Raises
-    ------
-    InputError
-        The run is shorter than two days.
-    """
+    """Maps of day by hour of the day (UTC): delivered power, mean SOC, hottest string, and price if any."""
     dataset = dataset_of(result)
     if days_of(dataset) < 2.0:
         raise InputError(f"heat_maps: the run has {days_of(dataset):g} days; a map needs at least 2")

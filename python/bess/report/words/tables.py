@@ -229,13 +229,7 @@ def _number(text: str) -> str:
 
 
 def read_sweep(directory: Path) -> SweepTable | None:
-    """Read the table of a sweep; None if the folder is not one.
-
-    Raises
-    ------
-    InputError
-        The table is damaged.
-    """
+    """Read the table of a sweep; None if the folder is not one."""
     path = directory / SWEEP_CSV
     if not path.exists():
         return None

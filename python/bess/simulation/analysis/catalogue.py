@@ -402,13 +402,7 @@ def kpi(name: str) -> Kpi:
 
 
 def better(name: str) -> Direction:
-    """Return the preferred direction of a KPI.
-
-    Raises
-    ------
-    InputError
-        If the KPI has no preferred direction.
-    """
+    """Return the preferred direction of a KPI."""
     direction = kpi(name).better
     if direction is None:
         raise InputError(f"{name}: this KPI has no preferred direction; choose another KPI")

@@ -89,13 +89,7 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
 
 
 def settled(dataset: xr.Dataset) -> dict[str, Array]:
-    """Return the entries of :func:`ledger` as plain arrays: to build a dataset, xarray imports Dask.
-
-    Raises
-    ------
-    InputError
-        The record has no prices.
-    """
+    """Return the entries of :func:`ledger` as plain arrays: to build a dataset, xarray imports Dask."""
     if not has_prices(dataset):
         raise InputError("settlement: the record has no prices (price_eur_mwh), as market studies have them")
     check_record(dataset, ("demand_kw", "delivered_kw", "inverter_starts"), "settlement")

@@ -112,13 +112,7 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
 
 
 def benchmark(replay: Replay, effort: Effort = "quick") -> Hindsight:
-    """As :func:`hindsight`, for a replay, which may have simulated the rules already.
-
-    Raises
-    ------
-    InputError
-        The record has no hindsight benchmark.
-    """
+    """As :func:`hindsight`, for a replay, which may have simulated the rules already."""
     record = replay.record
     if reason := unprovable(record, replay.system):
         raise InputError(f"hindsight: {reason}")

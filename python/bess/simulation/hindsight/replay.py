@@ -70,14 +70,7 @@ class Replay:
 
     @classmethod
     def of(cls, record: xr.Dataset, system: System | None = None) -> Replay:
-        """Read a record. It contains prices and profiles, so only the system file is needed.
-
-        Raises
-        ------
-        InputError
-            The record does not contain its study or the start of its run, or its system is not given and
-            cannot be read or has changed.
-        """
+        """Read a record. It contains prices and profiles, so only the system file is needed."""
         text = record.attrs.get("study")
         if not text:
             raise InputError(

@@ -295,14 +295,7 @@ def seconds(dataset: xr.Dataset) -> NDArray[np.int64]:
 
 
 def check_record(dataset: xr.Dataset, needed: Iterable[str], place: str) -> None:
-    """Check a record, which may be a selection of a run or a dataset of the user.
-
-    Raises
-    ------
-    InputError
-        It lacks a variable or the length of its steps, has no steps, not all strings, or not all steps of
-        its period.
-    """
+    """Check a record, which may be a selection of a run or a dataset of the user."""
     missing = [name for name in needed if name not in dataset]
     if missing or "step_h" not in dataset.attrs:
         raise InputError(f"{place}: the record has no {', '.join(missing) or 'attribute step_h [h]'}")

@@ -20,13 +20,7 @@ TEMPORARY = ".tmp"
 
 @contextmanager
 def clear_errors(path: Path) -> Iterator[None]:
-    """Replace an operating system error while writing ``path`` by one sentence with the remedy.
-
-    Raises
-    ------
-    BessError
-        Replaces an ``OSError``: the disk is full, or the path cannot be written.
-    """
+    """Replace an operating system error while writing ``path`` by one sentence with the remedy."""
     try:
         yield
     except OSError as error:
@@ -83,13 +77,7 @@ def put_bytes(path: Path, content: bytes) -> None:
 
 
 def make_folder(folder: Path) -> set[str]:
-    """Create a results folder unless it exists; return the names in it.
-
-    Raises
-    ------
-    InputError
-        The path cannot be a folder, or is one that cannot be read.
-    """
+    """Create a results folder unless it exists; return the names in it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         return {path.name for path in folder.iterdir()}
@@ -101,13 +89,7 @@ def make_folder(folder: Path) -> set[str]:
 
 
 def folder_in(folder: Path, name: str) -> Path:
-    """Return the folder ``name`` in ``folder``; names and links that lead outside are refused.
-
-    Raises
-    ------
-    InputError
-        The folder is outside ``folder``, or cannot be a results folder.
-    """
+    """Return the folder ``name`` in ``folder``; names and links that lead outside are refused."""
     inside = folder / name
     try:
         elsewhere = inside.resolve().parent != folder.resolve()

@@ -39,13 +39,7 @@ def identity_of(study: Study, system: System, files: list[Path]) -> Identity:
 
 
 def read_identity(directory: Path) -> Identity | None:
-    """Return the provenance of the run in ``directory``, or None if there is none.
-
-    Raises
-    ------
-    InputError
-        It cannot be read or is damaged.
-    """
+    """Return the provenance of the run in ``directory``, or None if there is none."""
     try:
         identity: Identity = parse_json((directory / IDENTITY).read_text(encoding="utf-8"))
         check_file(directory / IDENTITY)

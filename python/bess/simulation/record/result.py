@@ -77,13 +77,7 @@ class Result:
 
 
 def record_of(result: Result | xr.Dataset, place: str) -> xr.Dataset:
-    """Return the record of a result, or the dataset given.
-
-    Raises
-    ------
-    InputError
-        The argument is neither, or has no demand.
-    """
+    """Return the record of a result, or the dataset given."""
     dataset: Any = getattr(result, "dataset", result)
     if "demand_kw" not in getattr(dataset, "data_vars", ()):
         raise InputError(
@@ -139,13 +133,7 @@ def scenario_directories(directory: str | Path) -> dict[str, Path]:
 
 
 def open_netcdf(path: Path) -> xr.Dataset:
-    """Open a results file lazily, after a check of its checksum if there is one.
-
-    Raises
-    ------
-    InputError
-        The file is damaged.
-    """
+    """Open a results file lazily, after a check of its checksum if there is one."""
     import xarray as xr
 
     try:

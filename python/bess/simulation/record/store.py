@@ -76,13 +76,7 @@ def _arrays(path: Path) -> Record:
 
 
 def records(directory: Path) -> Iterator[tuple[int, Record]]:
-    """Yield the first step and the arrays of each part, with one part in memory at a time.
-
-    Raises
-    ------
-    InputError
-        A part is damaged or missing.
-    """
+    """Yield the first step and the arrays of each part, with one part in memory at a time."""
     step = 0
     for path in parts(directory):
         if int(path.stem) != step:
@@ -107,11 +101,6 @@ def locked(directory: Path) -> Iterator[None]:
     """Lock a run directory against a second process; the system releases the lock even after ``kill -9``.
 
     A second file names the owner, because some systems do not allow reading a locked file.
-
-    Raises
-    ------
-    InputError
-        Another process holds the lock.
     """
     lock, owner = FileLock(directory / LOCK), directory / OWNER
     with clear_errors(directory / LOCK):
@@ -152,13 +141,7 @@ def append_log(directory: Path, offset: int, lines: Iterable[Mapping[str, Any]])
 
 
 def solve_times_s(directory: Path) -> dict[int, float]:
-    """Return the solve times [s] of all solves in the log, by step.
-
-    Raises
-    ------
-    InputError
-        The log is damaged.
-    """
+    """Return the solve times [s] of all solves in the log, by step."""
     path = directory / LOG
     if not path.exists():
         return {}

@@ -45,13 +45,7 @@ class DemandSection(Section):
 
     @abstractmethod
     def build(self, setting: Setting) -> RunDemand:
-        """Read the files of the section and resample them to the control steps of the run.
-
-        Raises
-        ------
-        InputError
-            A file is missing, is invalid, or does not cover the run.
-        """
+        """Read the files of the section and resample them to the control steps of the run."""
 
 
 @dataclass(frozen=True)

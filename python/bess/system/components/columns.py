@@ -19,11 +19,6 @@ def read_columns(path: str | Path) -> Columns:
 
     A comma is a decimal comma where ``;`` or a tab separates the columns. Rows may be shorter than the
     header.
-
-    Raises
-    ------
-    InputError
-        The file does not exist, or is not a table of this form; with the line.
     """
     path, raw = Path(path), read_file(path)
     if path.suffix == ".parquet":
@@ -66,13 +61,7 @@ def _parquet(path: Path, raw: bytes) -> Columns:
 
 
 def numbers(path: str | Path, columns: Columns, name: str, *, gaps: bool = False) -> NDArray[np.float64]:
-    """Column ``name`` as finite numbers; with ``gaps``, empty cells and NaN are NaN.
-
-    Raises
-    ------
-    InputError
-        A cell is not a finite number; the message gives the row of the first.
-    """
+    """Column ``name`` as finite numbers; with ``gaps``, empty cells and NaN are NaN."""
     values = np.empty(len(columns[name]))
     for row, cell in enumerate(columns[name]):
         try:

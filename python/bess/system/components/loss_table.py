@@ -82,11 +82,6 @@ def table_from_curves(
     """Bring both directions onto the fewest knots from 0 to 1 that keep each within ``max_error``.
 
     A direction without a curve gets the losses of the other at the same AC power.
-
-    Raises
-    ------
-    InputError
-        Values are missing or not a table, or ``off_loss`` is out of range.
     """
     check_nominal(nominal_kw)
     if not 0.0 <= off_loss < 0.1:
