@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import bess
-from bess.simulation.analysis.catalogue import CATALOGUE, Kpi, better, grouped, kpi
+from bess.simulation.analysis.catalogue import CATALOGUE, HEADINGS, Kpi, better, grouped, kpi
 from bess.simulation.analysis.kpis import _round_trip
 from bess.simulation.analysis.settlement import COSTS
 
@@ -31,6 +31,8 @@ def test_every_figure_of_a_settlement_is_in_the_catalogue() -> None:
 def test_every_entry_says_in_one_sentence_what_it_means() -> None:
     for name, entry in CATALOGUE.items():
         assert entry.meaning.endswith("."), name
+        assert entry.group in HEADINGS, name
+        assert entry.better in ("min", "max", None), name
         assert entry.label[0].isupper() or entry.label.startswith("SOC"), name
         assert len({each.label for each in CATALOGUE.values()}) == len(CATALOGUE)
 
@@ -101,7 +103,7 @@ def test_numbers_are_shown_with_their_digits_and_factor() -> None:
 
 
 def test_a_figure_of_a_plug_in_is_shown_by_its_name_after_all_others() -> None:
-    assert kpi("own_figure") == Kpi("own_figure", "", None, 3, "", "strings", detail=True)
+    assert kpi("own_figure") == Kpi("own_figure", "", "strings", decimals=3, detail=True)
     groups = grouped(["own_figure", "full_cycles", "lost_kwh", "demand_kwh"])
     assert groups == {
         "Energy": ["demand_kwh"],
