@@ -9,7 +9,6 @@ checksum of the rest.
 from __future__ import annotations
 
 import errno
-import json
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -22,7 +21,8 @@ from bess.checkpoints import from_json, to_json
 from bess.edge.plant_io.calls import Aside
 from bess.edge.serve.controller import Controller
 from bess.errors import BessError
-from bess.simulation.record.files import put_bytes, sealed, sha256_of, unsealed
+from bess.simulation.record.dataset import fingerprint
+from bess.simulation.record.files import put_bytes, sealed, unsealed
 from bess.system import System
 
 MEMORY: Final = ("memory-0.json", "memory-1.json")
@@ -49,7 +49,7 @@ class StateStore:
         self.folder = folder
         self.error = ""
         self._aside = Aside("state")
-        self._identity = sha256_of(json.dumps(system.document, sort_keys=True, default=str).encode())
+        self._identity = fingerprint(system)
         self._flushed_s = 0.0
         self._number = 0
         self._files: dict[str, FileIO] = {}

@@ -152,17 +152,27 @@ def _site_kpis(dataset: xr.Dataset, dt_h: float) -> Iterator[tuple[str, Any]]:
 _UNPROVABLE: Final = {
     "reactive_kvar": "this run carried reactive power, which hindsight does not support; leave out "
     "[reactive] of its study",
-    "auxiliary_kw": "the plant of this run has a section [cooling], and the lower bound supports ambient-air "
-    "cooling only",
     "investment_eur": "strings of this run are added, replaced or retired, which hindsight does not support",
-    "reversible_heat_kw": "the cells of this run have reversible heat, and the lower bound supports ohmic "
-    "heat only",
 }
 """Reasons why hindsight does not support a record, by a variable that only such records have."""
 
 
 def unprovable(dataset: xr.Dataset, system: System) -> str | None:
     """Return the reason why :func:`bess.hindsight` does not support a run; None if it does."""
-    if any(string.battery.hysteresis_heat for string in system.strings):
-        return "hysteresis heats the strings of this run, and the lower bound supports ohmic heat only"
-    return next((reason for name, reason in _UNPROVABLE.items() if name in dataset), None)
+    reasons = (reason for name, reason in _UNPROVABLE.items() if name in dataset)
+    return unbounded(system) or next(reasons, None)
+
+
+def unbounded(system: System) -> str | None:
+    """Return the reason why a system has no lower bound in hindsight; None if it has one."""
+    if system.cooling is not None:
+        return (
+            f"{system.name} has [cooling] kind = {system.cooling.kind!r}; the lower bound supports "
+            "ambient-air cooling only, without that section"
+        )
+    if any(string.battery.entropy or string.battery.hysteresis_heat for string in system.strings):
+        return (
+            f"{system.name} has battery.entropy or battery.hysteresis_heat; the lower bound supports ohmic "
+            "heat only"
+        )
+    return None

@@ -20,6 +20,7 @@ from bess.arrays import Array
 from bess.dispatch.program import LinearProgram
 from bess.errors import InputError
 from bess.plant import PlantEnsemble
+from bess.simulation.analysis.services import unbounded
 from bess.simulation.hindsight.relaxed_string import (
     CHARGE,
     DISCHARGE,
@@ -299,16 +300,8 @@ def _cooling(system: System, step_s: float) -> Array:
     once. Cooling with a control is not linear, and other heat than ``R I^2`` warms the cells and lowers the
     resistance below the assumed value; both are refused.
     """
-    if system.cooling is not None:
-        raise InputError(
-            f"hindsight: {system.name} has [cooling] kind = {system.cooling.kind!r}; the lower bound "
-            "supports ambient-air cooling only, without that section"
-        )
-    if any(string.battery.entropy or string.battery.hysteresis_heat for string in system.strings):
-        raise InputError(
-            f"hindsight: {system.name} has battery.entropy or battery.hysteresis_heat; the lower bound "
-            "supports ohmic heat only"
-        )
+    if reason := unbounded(system):
+        raise InputError(f"hindsight: {reason}")
     nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
     count = int(nodes.max())
     ambient_c = 20.0
