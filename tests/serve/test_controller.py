@@ -1,11 +1,14 @@
 """The live controller: sums, reasons, switching, calibration, and what it remembers."""
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pytest
 from live_cases import controller, measured
 
 import bess
 from bess.checkpoints import from_json, to_json
+from bess.edge.serve.service import build_controller
 from bess.errors import InputError
 
 
@@ -40,6 +43,32 @@ def test_at_the_step_of_the_plan_the_answer_is_the_plan() -> None:
     assert answer.plan_kw.shape == (2, 6)
     np.testing.assert_allclose(answer.plan_kw[:, 0], answer.request_kw)
     np.testing.assert_allclose(answer.plan_kw.sum(axis=0), forecast)
+
+
+def test_a_plan_knows_announced_maintenance_and_discharges_the_string_before() -> None:
+    """Two hours at 85 kW; string 0 will be out in the second, and the plant still reports it as available."""
+    study = bess.load_study(
+        "case1",
+        {
+            "policy.mode": "plan",
+            "policy.objectives.kind": "energy",
+            "policy.foresight_h": 2.0,
+            "event": [
+                {"string": 0, "start": at, "end": end, "announced": announced}
+                for at, end, announced in (
+                    ("2026-03-01T01:00:00Z", "2026-03-01T02:00:00Z", True),
+                    ("2026-03-01T00:00:00Z", "2026-03-01T02:00:00Z", False),
+                )
+            ],
+        },
+    )
+    live, notes = build_controller(study, background=False)
+    assert any("without announced = true is not used" in note for note in notes)
+    now_s = datetime(2026, 3, 1, tzinfo=UTC).timestamp()
+    answer = live.step(measured([0.5, 0.5]), 85.0, now_s, forecast_kw=[85.0] * 8)
+    np.testing.assert_allclose(answer.plan_kw.sum(axis=0), 85.0)
+    assert not answer.plan_kw[0, 4:].any()
+    assert answer.plan_kw[0, :4].sum() > 3.0 * answer.plan_kw[1, :4].sum()
 
 
 def test_the_plan_of_any_forecast_meets_it_within_the_limits() -> None:
@@ -223,7 +252,6 @@ def test_settings_that_fit_no_plant_are_refused() -> None:
 def test_the_service_plans_with_the_model_of_the_study_as_a_run_does() -> None:
     pytest.importorskip("prometheus_client")
     from bess.control.policies import PolicyInput, build_policy
-    from bess.edge.serve.service import build_controller
     from bess.study.plant_choice import policy_settings
 
     state = bess.State(soc=[0.7, 0.4], temperature_c=[30.0, 25.0])

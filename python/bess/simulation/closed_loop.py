@@ -20,6 +20,7 @@ from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import FLOWS, OPTIONAL_FLOWS
 from bess.simulation.record.store import Record
 from bess.study.demands.source import StepInputs
+from bess.study.events import expected_limits
 
 SKIPPED_STEPS = 12
 """Steps that a policy is first asked to skip; results do not depend on it."""
@@ -352,12 +353,11 @@ class ClosedLoop:
         return np.asarray(discharged_kw - charged_kw)
 
     def _limit_ahead_kw(self, limit_kw: Array) -> Array:
-        """Expected limits of the prediction horizon: announced events, and the others as in this step."""
+        """Expected limits of the prediction horizon, ``(n_strings, horizon_steps)``."""
         inputs, step = self.inputs, self.step
         last = inputs.grid.n_steps - 1
-        announced_kw = inputs.announced_kw[np.minimum(np.arange(step, step + inputs.horizon_steps), last)]
-        unannounced_kw = np.where(limit_kw < announced_kw[0], limit_kw, np.inf)
-        return np.minimum(announced_kw, unannounced_kw).T
+        ahead = np.minimum(np.arange(step, step + inputs.horizon_steps), last)
+        return expected_limits(limit_kw, inputs.announced_kw[ahead])
 
     def _served(self, demand_kw: Array, total_kw: float) -> Array:
         """Demand and forecasts ``(..., n_steps)``, limited to the power of the plant; 0 below its minimum.

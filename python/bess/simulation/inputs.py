@@ -14,9 +14,10 @@ from bess.dispatch import Forecast, PerfectForecast, read_profile
 from bess.errors import InputError
 from bess.simulation.installations import Installations
 from bess.study.demands.source import RunDemand, Setting, forecast_of, padded
-from bess.study.grid import SampledSeries, TimeGrid, seconds_of
+from bess.study.events import check_events, limits_of
+from bess.study.grid import SampledSeries, TimeGrid
 from bess.study.plant_choice import build_system
-from bess.study.sections import Event, ReactiveSection, WeatherSection
+from bess.study.sections import ReactiveSection, WeatherSection
 from bess.study.study import Study
 from bess.system import System
 
@@ -81,6 +82,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
     if study.weather.file is not None:
         ambient = _ambient(study.weather, study.weather.file, setting, grid)
     reactive = None if study.reactive is None else _reactive_of(study.reactive, setting, grid)
+    check_events(study.event, system, grid)
     files = setting.files
     if study.policy.name == "distilled" and study.policy.file is not None:
         files.append(Path(study.policy.file))
@@ -90,7 +92,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         horizon_steps=study.policy.steps_ahead(system.control),
         ambient_c=ambient,
         limit_kw=limits_of(study.event, system, grid),
-        announced_kw=limits_of(tuple(event for event in study.event if event.announced), system, grid),
+        announced_kw=limits_of((event for event in study.event if event.announced), system, grid),
         installations=Installations(system, study, grid),
         files=files,
         notes=[f"period: {grid}", *setting.notes],
@@ -110,30 +112,6 @@ def _ambient(choice: WeatherSection, file: str, setting: Setting, grid: TimeGrid
     values += choice.offset_k
     setting.note(f"weather: {file}, {values.min():g} to {values.max():g} degC", given)
     return values
-
-
-def limits_of(events: tuple[Event, ...], system: System, grid: TimeGrid) -> Array:
-    """Power of each inverter in service [kW], shape ``(n_steps, n_strings)``."""
-    limit = np.broadcast_to(system.nominal_kw, (grid.n_steps, system.n_strings))
-    if events:
-        limit = limit.copy()
-    for number, event in enumerate(events):
-        if event.string >= system.n_strings:
-            raise InputError(
-                f"event[{number}].string = {event.string}: the system has strings 0 to {system.n_strings - 1}"
-            )
-        first, last = (
-            (seconds_of(instant) - grid.start_s) / grid.step_s for instant in (event.start, event.end)
-        )
-        if last <= 0 or first >= grid.n_steps:
-            raise InputError(
-                f"event[{number}]: {event.start:%Y-%m-%d %H:%M} to {event.end:%Y-%m-%d %H:%M} UTC "
-                "is outside the run"
-            )
-        # A limit that applies to a part of a step applies to the whole step.
-        steps = slice(max(0, int(np.floor(first))), int(np.ceil(last)))
-        limit[steps, event.string] = np.minimum(limit[steps, event.string], event.limit_kw)
-    return limit
 
 
 def known_reactive(forecast: Forecast) -> ReactiveDemand:

@@ -32,7 +32,7 @@ from bess.edge.serve.constraints import PowerCapability, SocLimits, set_point_ra
 from bess.edge.serve.measurement_validator import MeasurementValidator, ValidState
 from bess.edge.serve.plan import CarriedPlan, DemandForecast, ahead, preferences
 from bess.errors import InputError
-from bess.study.sections import ServiceSection
+from bess.study.sections import Event, ServiceSection
 from bess.system import System
 
 PLAN_DEVIATION: Final = 0.1
@@ -78,6 +78,7 @@ class Controller(Checkpointed):
         service: ServiceSection,
         plan_steps: int,
         *,
+        events: tuple[Event, ...] = (),
         background: bool = True,
     ) -> None:
         n = self.n_strings = system.n_strings
@@ -91,7 +92,7 @@ class Controller(Checkpointed):
         self.soc_limits = SocLimits(system, service, self.step_s)
         # One thread for plans, one for calibrations.
         self._pool = ThreadPoolExecutor(2, "planning") if background else None
-        self.plan = CarriedPlan(system, policy, plan_s, plan_steps, self._pool)
+        self.plan = CarriedPlan(system, policy, plan_s, plan_steps, self._pool, events)
         self._near_s = 0.0
         self._forecast = DemandForecast(self.step_s, plan_s, plan_steps)
         self.ageing = Ageing(system)

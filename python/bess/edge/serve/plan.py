@@ -14,6 +14,9 @@ from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.control.policies import Policy, PolicyInput
 from bess.edge.serve.commitment import Curves
+from bess.study.events import expected_limits, limits_of
+from bess.study.grid import TimeGrid
+from bess.study.sections import Event
 from bess.system import State, System
 
 T = TypeVar("T")
@@ -157,16 +160,22 @@ class CarriedPlan(Checkpointed):
     """Keeps the plan of a policy up to date: in each of its steps, and after a change within a step.
 
     A thread of ``pool`` computes the plans, so no answer waits longer than permitted; without a pool, the
-    caller waits.
+    caller waits. Plans know the outages and limits of ``events`` beforehand.
     """
 
     _carried = ("_before", "_after", "_asked_at_s", "current")
     _classes: ClassVar = {"current": ActivePlan}
 
     def __init__(
-        self, system: System, policy: Policy, step_s: float, n_steps: int, pool: ThreadPoolExecutor | None
+        self,
+        system: System,
+        policy: Policy,
+        step_s: float,
+        n_steps: int,
+        pool: ThreadPoolExecutor | None,
+        events: tuple[Event, ...] = (),
     ) -> None:
-        self._system, self._policy = system, policy
+        self._system, self._policy, self._events = system, policy, events
         self.step_s, self.n_steps = step_s, n_steps
         self.making = Background[ActivePlan](pool, "the last plan")
         self._asked: tuple[int, Array, Array] | None = None
@@ -195,6 +204,11 @@ class CarriedPlan(Checkpointed):
             self._asked, self._asked_at_s = (slot, forecast_kw, limit_kw), now_s
             self.making.begin(self._make, slot, gone, state, forecast_kw, limit_kw)
             self.current = self.making.collect(wait_s) or self.current
+
+    def limit_ahead_kw(self, slot: int, limit_kw: Array, n_steps: int) -> Array:
+        """Expected power of each string in the steps from ``slot`` on, ``(n_strings, n_steps)``."""
+        grid = TimeGrid(round(slot * self.step_s), round(self.step_s), n_steps)
+        return expected_limits(limit_kw, limits_of(self._events, self._system, grid))
 
     def from_now(self, now_s: float) -> Array | None:
         """Set-points from the present step on, shape ``(n_strings, n_left)``; None without a plan."""
@@ -230,7 +244,8 @@ class CarriedPlan(Checkpointed):
         )
 
     def _make(self, slot: int, gone: int, state: State, forecast_kw: Array, limit_kw: Array) -> ActivePlan:
-        total = limit_kw.sum()
+        limit_ahead = self.limit_ahead_kw(slot, limit_kw, self.n_steps)
+        total = limit_ahead.sum(axis=0)
         served = np.clip(forecast_kw, -total, total)
         ambient = np.full(self.n_steps, self._system.reference_temperature_c)
         if gone <= 0:
@@ -238,7 +253,9 @@ class CarriedPlan(Checkpointed):
         for _ in range(min(gone, self.n_steps) - 1):  # steps without a call
             self._policy(PolicyInput(state, np.zeros(self.n_steps), ambient, limit_kw))
         self._before = self._policy.state_dict()
-        decision = self._policy(PolicyInput(state, served, ambient, limit_kw))
+        decision = self._policy(
+            PolicyInput(state, served, ambient, limit_ahead[:, 0], limit_ahead_kw=limit_ahead)
+        )
         self._after = self._policy.state_dict()
         plan_kw = decision.request_kw[:, None] if decision.plan_kw is None else decision.plan_kw
         request = np.array(plan_kw, dtype=np.float64)
@@ -275,12 +292,12 @@ def ahead(
     if forecast_kw is None or len(forecast_kw) < 2:
         return request_kw[:, None]
     demand = np.asarray(forecast_kw, dtype=np.float64)
-    most = limit_kw[:, None]
+    most = plan.limit_ahead_kw(plan.slot(now_s), limit_kw, demand.size)
     planned = np.zeros((request_kw.size, demand.size))
     known = plan.from_now(now_s)
     if known is not None:
-        known = np.minimum(np.abs(known[:, : demand.size]), most)
-        planned[:, : known.shape[1]] = known
+        known = np.abs(known[:, : demand.size])
+        planned[:, : known.shape[1]] = np.minimum(known, most[:, : known.shape[1]])
     wanted = np.abs(demand)
     power = np.where(planned.any(axis=0), planned, most)
     power = power * np.minimum(1.0, wanted / np.maximum(power.sum(axis=0), 1e-12))

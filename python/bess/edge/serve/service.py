@@ -20,6 +20,7 @@ from bess.edge.serve.controller import Controller
 from bess.edge.serve.monitoring import History, Metrics
 from bess.edge.serve.state_store import StateStore
 from bess.study import Study
+from bess.study.events import check_events
 from bess.study.plant_choice import build_system, policy_settings
 
 LOG: Final = logging.getLogger("bess.serve")
@@ -38,12 +39,17 @@ def build_controller(study: Study, *, background: bool = True) -> tuple[Controll
         # Prices belong to the demand, which comes from outside here.
         study = study.with_values({"policy.objectives.kind": "energy"})
         notes.append("plans minimise undelivered energy and losses, not cost: a service receives no prices")
-    if study.event:
-        notes.append("[[event]] is not used: the plant reports which strings are in service")
     system = build_system(study.system, study.run, study.wear)
+    check_events(study.event, system)
     settings = policy_settings(study, system)
     policy = build_policy(study.policy.name, system, settings)
-    return Controller(system, policy, study.service, settings.horizon_steps, background=background), notes
+    announced = tuple(event for event in study.event if event.announced)
+    if len(announced) < len(study.event):
+        notes.append("[[event]] without announced = true is not used: the plant reports outages and limits")
+    controller = Controller(
+        system, policy, study.service, settings.horizon_steps, events=announced, background=background
+    )
+    return controller, notes
 
 
 @dataclass(frozen=True)

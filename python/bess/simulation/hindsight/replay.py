@@ -19,11 +19,12 @@ from bess.plant import Plant
 from bess.simulation.analysis.kpis import kpis
 from bess.simulation.analysis.services import is_reserve
 from bess.simulation.closed_loop import ClosedLoop
-from bess.simulation.inputs import Inputs, known_reactive, limits_of
+from bess.simulation.inputs import Inputs, known_reactive
 from bess.simulation.installations import Installations
 from bess.simulation.record.dataset import VARIABLES, begins_with_run, check_record, fingerprint
 from bess.study import Study
 from bess.study.demands.profile import ProfileSource
+from bess.study.events import limits_of
 from bess.study.grid import TimeGrid
 from bess.study.plant_choice import build_system
 from bess.system import System

@@ -1,0 +1,50 @@
+"""Power limits by events: outages and limits of single inverters, announced or not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.errors import InputError
+from bess.study.grid import TimeGrid, seconds_of
+from bess.study.sections import Event
+from bess.system import System
+
+
+def check_events(events: Iterable[Event], system: System, grid: TimeGrid | None = None) -> None:
+    """Raise InputError if an event names a string that the system does not have, or is outside the grid."""
+    for number, event in enumerate(events):
+        if event.string >= system.n_strings:
+            raise InputError(
+                f"event[{number}].string = {event.string}: the system has strings 0 to {system.n_strings - 1}"
+            )
+        if grid and (seconds_of(event.end) <= grid.start_s or seconds_of(event.start) >= grid.end_s):
+            raise InputError(
+                f"event[{number}]: {event.start:%Y-%m-%d %H:%M} to {event.end:%Y-%m-%d %H:%M} UTC "
+                "is outside the run"
+            )
+
+
+def limits_of(events: Iterable[Event], system: System, grid: TimeGrid) -> Array:
+    """Power of each inverter in service [kW], shape ``(n_steps, n_strings)``."""
+    limit = np.tile(system.nominal_kw, (grid.n_steps, 1))
+    for event in events:
+        first, last = (
+            (seconds_of(instant) - grid.start_s) / grid.step_s for instant in (event.start, event.end)
+        )
+        # A limit that applies to a part of a step applies to the whole step.
+        steps = slice(max(0, int(np.floor(first))), max(0, int(np.ceil(last))))
+        limit[steps, event.string] = np.minimum(limit[steps, event.string], event.limit_kw)
+    return limit
+
+
+def expected_limits(limit_kw: Array, announced_kw: Array) -> Array:
+    """Limits of the next steps ``(n_strings, n_steps)``, from those of this step and of announced events.
+
+    A limit ``(n_strings,)`` below the announced one of this step, the first row of ``(n_steps, n_strings)``,
+    is expected to last.
+    """
+    unannounced_kw = np.where(limit_kw < announced_kw[0], limit_kw, np.inf)
+    return np.minimum(announced_kw, unannounced_kw).T
