@@ -335,3 +335,35 @@ def test_a_state_without_a_key_or_of_another_type_is_refused() -> None:
 def test_a_document_that_is_none_is_refused(document: str) -> None:
     with pytest.raises(ValueError, match=r"\w"):
         _core.System(document)
+
+
+def test_what_does_not_fit_together_is_refused() -> None:
+    """Each of these calls panicked, or answered for something else."""
+    small, large = horizon(), _core.ControlHorizon(
+        _core.ControlModel(bess.System.reference(N + 1).core),
+        *(np.full(N + 1, value) for value in (0.5, 25.0)),
+        np.full(STEPS + 1, 40.0), np.full(STEPS + 1, 25.0), 0.25, np.full((N + 1, STEPS + 1), 92.0),
+        *[np.ones((2, N + 1, 4))] * 2, *[np.full(2, 1e-6)] * 2,
+    )  # fmt: skip
+    nodes = [each.root(each.reachable()) for each in (small, large)]
+    narrow = [each.narrowed(node, 1e9) for each, node in zip((small, large), nodes, strict=True)]
+    assert narrow[0] is not None
+    calls: dict[str, Callable[[], Any]] = {
+        "demand: needs": lambda: _core.ControlHorizon(
+            MODEL, SOC, TEMPERATURE, np.zeros(0), np.zeros(0), 0.25, np.zeros((N, 0)),
+            COSTS, COSTS, np.full(2, 1e-6), np.full(2, 1e-4),
+        ),
+        "node: needs": lambda: small.narrowed(nodes[1], 1e9),
+        "node": lambda: large.step_bounds_of(narrow[0], np.ones((N + 1, 4)), np.zeros(STEPS + 1)),
+        "shed_budget_kw": lambda: small.narrowed(nodes[0], np.nan),
+        "ceilings and objective": lambda: small.priced_bound(np.zeros(0), np.nan, 8),
+        "parts": lambda: MODEL.track_demand(
+            SOC, TEMPERATURE, DEMAND, AMBIENT, 0.25, 0, _core.BestShares(SHARES, SHARES, LIMIT[:, 0])
+        ),
+        "groups": lambda: _core.plan(
+            MODEL, dt_h=0.25, **PLAN, **PRICES, **EFFORT, groups=np.full(N, -1)
+        ),
+    }  # fmt: skip
+    for says, call in calls.items():
+        with pytest.raises(ValueError, match=says):
+            call()

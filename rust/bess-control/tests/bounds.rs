@@ -180,38 +180,3 @@ fn no_schedule_within_the_ceiling_of_the_first_group_is_below_the_bound_of_the_s
         }
     });
 }
-
-#[test]
-fn planes_and_ranges_hold_at_every_state_of_a_box() {
-    for_all_cases(|case, schedules| {
-        let boxes: Vec<StateBox> =
-            case.horizon.reachable().chunks(N_STEPS + 1).flat_map(|row| row[..N_STEPS].to_vec()).collect();
-        let flows = case.horizon.flows(&schedules[0]);
-        let near: Vec<_> = flows.iter().map(|flow| flow.end).collect();
-        let model = ControlModel::new(&system());
-        for (i, states) in boxes.iter().enumerate() {
-            let (string, direction) = (&model.strings()[i / N_STEPS], case.horizon.direction(i % N_STEPS));
-            let (r, p) = (string.ranges(direction, states), string.planes(direction, states, near[i]));
-            for k in 0..12 {
-                let share = |j: u64| common::uniform(31 * i as u64 + 17 * k + j);
-                let soc = states.soc.low + share(1) * (states.soc.high - states.soc.low);
-                let warm = states.temperature_c;
-                let temperature_c = warm.low + share(2) * (warm.high - warm.low);
-                let state = bess_control::StringState { soc, temperature_c };
-                let c = string.coefficients(direction, state);
-                let scale_w = c.voltage_v * c.voltage_v / c.resistance_ohm;
-                let within = |low: f64, value: f64, high: f64| {
-                    value >= low * (1.0 - 1e-12) && value <= high * (1.0 + 1e-12)
-                };
-                assert!(within(r.derating.low, c.derating, r.derating.high));
-                assert!(within(r.voltage_v.low, c.voltage_v, r.voltage_v.high));
-                assert!(within(r.resistance_ohm.low, c.resistance_ohm, r.resistance_ohm.high));
-                assert!(within(r.power_scale_w.low, scale_w, r.power_scale_w.high));
-                let plane_w =
-                    p.power_scale_w + p.power_scale_per_soc * soc + p.power_scale_per_k * temperature_c;
-                assert!(plane_w >= scale_w * (1.0 - 1e-12));
-                assert!(p.derated + p.derated_per_k * temperature_c <= 1.0 - c.derating + 1e-12);
-            }
-        }
-    });
-}

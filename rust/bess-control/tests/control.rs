@@ -88,17 +88,6 @@ fn a_box_across_the_switch_sees_both_resistances() {
 }
 
 #[test]
-fn objectives_of_a_batch_are_those_of_its_members_to_the_last_bit() {
-    let horizon = common::horizon(&common::reference(3), 6, 0.5);
-    let size = 18;
-    let batch: Vec<f64> = (0..4 * size).map(|i| common::uniform(i as u64) * common::NOMINAL_W).collect();
-    let all = horizon.evaluate(&batch);
-    for (member, request) in batch.chunks(size).enumerate() {
-        assert_eq!(horizon.objectives(request)[..2], all[2 * member..2 * member + 2]);
-    }
-}
-
-#[test]
 fn a_split_reports_the_objectives_of_its_schedule_and_is_no_worse_than_the_greedy_pass() {
     let effort = Effort { rollouts: 500, deadline: None, gap: 1e-3 };
     for soc in [0.03, 0.5, 0.97] {

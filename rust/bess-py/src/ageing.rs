@@ -92,7 +92,7 @@ pub fn ageing_models() -> Vec<(&'static str, &'static str)> {
 /// at the end count as half cycles.
 #[pyfunction]
 pub fn rainflow(series: GivenVector<'_>) -> Vec<(f64, f64, f64, u64, u64)> {
-    let (mut counter, mut out) = (Rainflow::new(), Vec::new());
+    let (mut counter, mut out) = (Rainflow::default(), Vec::new());
     for &value in series.as_array() {
         counter.push(value, (), |cycle| out.push(cycle));
     }

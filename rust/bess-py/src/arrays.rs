@@ -4,7 +4,7 @@ use std::fmt::Display;
 
 use bess_tables::units::W_PER_KW;
 use numpy::ndarray::{Array1, Array2, ArrayD, Dimension};
-use numpy::{IntoPyArray, Ix1, Ix2, Ix3, PyArray1, PyArray2, PyArrayDyn, PyReadonlyArray};
+use numpy::{Element, IntoPyArray, Ix1, Ix2, Ix3, PyArray1, PyArray2, PyArrayDyn, PyReadonlyArray};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -56,12 +56,7 @@ pub(crate) fn vector(py: Python<'_>, values: Vec<f64>) -> Vector {
     Array1::from_vec(values).into_pyarray(py).unbind()
 }
 
-pub(crate) fn matrix(py: Python<'_>, rows: usize, values: Vec<f64>) -> Matrix {
-    let shape = (rows, values.len() / rows.max(1));
-    Array2::from_shape_vec(shape, values).expect("whole rows").into_pyarray(py).unbind()
-}
-
-pub(crate) fn flags(py: Python<'_>, rows: usize, values: Vec<bool>) -> Flags {
+pub(crate) fn matrix<T: Element>(py: Python<'_>, rows: usize, values: Vec<T>) -> Py<PyArray2<T>> {
     let shape = (rows, values.len() / rows.max(1));
     Array2::from_shape_vec(shape, values).expect("whole rows").into_pyarray(py).unbind()
 }

@@ -1,7 +1,7 @@
 //! Dispatch over prices, one horizon in one call.
 
 use bess_control::{DispatchBlock, DispatchProblem, StoreGrid, StoreState};
-use bess_tables::Lut;
+use bess_tables::{Axis, Lut};
 use numpy::{PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -43,10 +43,11 @@ impl Store {
         by_throughput: bool,
     ) -> PyResult<Self> {
         let table = |(soc, energy_kwh)| Lut::new("energies", soc, energy_kwh).map_err(refused);
+        let axis = |name, points| Axis::new(name, numbers(points)).map_err(refused);
         let grid = StoreGrid {
-            energy_kwh: numbers(&energy_kwh),
-            temperature_c: numbers(&temperature_c),
-            depth: numbers(&depth),
+            energy_kwh: axis("energy", &energy_kwh)?,
+            temperature_c: axis("temperature", &temperature_c)?,
+            depth: axis("depth", &depth)?,
             soc: numbers(&soc),
             power_kw: numbers(&power_kw),
             request_w: watts(&request_kw),

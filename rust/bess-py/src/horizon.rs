@@ -13,7 +13,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arrays::{
-    check_shape, flags, kilowatts, matrix, numbers, refused, scaled, vector, watts, Flags, Given, GivenCube,
+    check_shape, kilowatts, matrix, numbers, refused, scaled, vector, watts, Flags, Given, GivenCube,
     GivenMatrix, GivenVector, Matrix, Vector,
 };
 use crate::model::{ControlModel, FlowArrays};
@@ -142,7 +142,7 @@ impl Node {
     /// Whether a string may have availability loss in a step.
     #[getter]
     fn may_shed(&self, py: Python<'_>) -> Flags {
-        flags(py, self.n_strings, self.inner.may_shed.clone())
+        matrix(py, self.n_strings, self.inner.may_shed.clone())
     }
 
     /// Boxes of the states `(M, T + 1)`.
@@ -233,6 +233,12 @@ impl ControlHorizon {
     /// Number of strings and steps.
     fn shape(&self) -> [usize; 2] {
         [self.inner.n_strings(), self.inner.n_steps()]
+    }
+
+    /// Checks that a node has the strings and steps of this horizon.
+    fn check_node(&self, node: &Node) -> PyResult<()> {
+        let n_steps = node.inner.may_shed.len() / node.n_strings.max(1);
+        check_shape("node", &self.shape(), &[node.n_strings, n_steps])
     }
 
     /// Requests `(..., M, T)` [kW] as checked magnitudes [W].
@@ -441,7 +447,7 @@ impl ControlHorizon {
         let answer = py
             .detach(|| self.inner.tighten(&request_w, &costs, shed_budget_kw * W_PER_KW))
             .map_err(refused)?;
-        let may_shed = flags(py, self.inner.n_strings(), answer.may_shed);
+        let may_shed = matrix(py, self.inner.n_strings(), answer.may_shed);
         Ok((answer.bound, self.boxes(answer.boxes), may_shed))
     }
 
@@ -463,6 +469,9 @@ impl ControlHorizon {
             return Err(PyValueError::new_err("ceilings: give those of earlier groups only"));
         }
         let ceilings = numbers(&ceilings);
+        if ceilings.iter().chain([&objective]).any(|value| value.is_nan() || *value < 0.0) {
+            return Err(PyValueError::new_err("ceilings and objective: must be >= 0"));
+        }
         Ok(py.detach(|| self.inner.priced_bound(&ceilings, objective, sample)))
     }
 
@@ -475,9 +484,13 @@ impl ControlHorizon {
 
     /// Tightens a node: removes schedules that cannot meet the demand with at most `shed_budget_kw` shed in
     /// total. None if the node is empty.
-    fn narrowed(&self, py: Python<'_>, node: &Node, shed_budget_kw: f64) -> Option<Node> {
-        let inner = py.detach(|| self.inner.narrowed(&node.inner, shed_budget_kw * W_PER_KW))?;
-        Some(Node { n_strings: self.inner.n_strings(), inner })
+    fn narrowed(&self, py: Python<'_>, node: &Node, shed_budget_kw: f64) -> PyResult<Option<Node>> {
+        self.check_node(node)?;
+        if shed_budget_kw.is_nan() {
+            return Err(PyValueError::new_err("shed_budget_kw: is not a number"));
+        }
+        let inner = py.detach(|| self.inner.narrowed(&node.inner, shed_budget_kw * W_PER_KW));
+        Ok(inner.map(|inner| Node { n_strings: self.inner.n_strings(), inner }))
     }
 
     /// Step cuts like [`Self::step_bounds`] over a narrowed node.
@@ -488,6 +501,7 @@ impl ControlHorizon {
         costs: GivenMatrix<'_>,
         budget_kw: GivenVector<'_>,
     ) -> PyResult<StepBounds> {
+        self.check_node(node)?;
         let node = node.narrowed()?;
         let (costs, budget_w) = (self.loss_costs(&costs)?, watts(&budget_kw));
         let answer = py.detach(|| self.inner.step_bounds_of(node, &costs, &budget_w)).map_err(refused)?;
@@ -505,6 +519,7 @@ impl ControlHorizon {
         frozen: bool,
         units_kw: GivenMatrix<'_>,
     ) -> PyResult<BTreeMap<&'static str, Matrix>> {
+        self.check_node(node)?;
         let (n_strings, node) = (self.inner.n_strings(), node.narrowed()?);
         check_shape("units", &[n_strings, 2], units_kw.shape())?;
         let units: Vec<_> = watts(&units_kw)

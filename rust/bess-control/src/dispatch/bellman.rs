@@ -7,7 +7,7 @@ pub(super) struct Cells<'a> {
     /// Distance to the values of the next temperature, and of the next depth.
     pub warmer: usize,
     pub deeper: usize,
-    /// As in [`Run`](transitions::Run).
+    /// As in [`Run`](super::transitions::Run).
     pub stride: usize,
     pub energy: &'a [f64],
     pub temperature: &'a [f64],

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::bellman::Cells;
-use super::transitions::{around, weights, StoreState, Transitions};
+use super::transitions::{weights, StoreState, Transitions};
 use super::{DispatchBlock, DispatchProblem, Store};
 
 /// Cycled energy that a resting plant may show by rounding [kWh].
@@ -152,7 +152,7 @@ impl<'a> DynamicProgram<'a> {
         let row = grid.energy_kwh.len() * self.levels * self.shadow_eur.len();
         let depths = row * grid.temperature_c.len();
         for t in self.reachable_rows[b + 1].clone() {
-            let (low, share) = around(&grid.temperature_c, grid.temperature_c[t] + ambient_shift_k);
+            let (low, share) = grid.temperature_c.locate(grid.temperature_c[t] + ambient_shift_k);
             for (after, moved) in after.chunks_exact(depths).zip(moved.chunks_exact_mut(depths)) {
                 let (cool, warm) = after[low * row..][..2 * row].split_at(row);
                 for ((out, cool), warm) in moved[t * row..][..row].iter_mut().zip(cool).zip(warm) {
@@ -166,7 +166,7 @@ impl<'a> DynamicProgram<'a> {
         self.store.ambient_shift_k(&self.problem.blocks[b])
     }
 
-    /// Those of the items of each depth and temperature `(D, K)` at which the temperature is reachable_rows before block `b`.
+    /// Those of the items of each depth and temperature `(D, K)` at which the temperature is reachable before block `b`.
     fn reachable<T>(&self, b: usize, items: impl Iterator<Item = T>) -> impl Iterator<Item = (usize, T)> {
         let (rows, temperatures) = (self.reachable_rows[b].clone(), self.store.grid.temperature_c.len());
         items.enumerate().filter(move |(i, _)| rows.contains(&(i % temperatures)))
@@ -321,9 +321,9 @@ impl<'a> DynamicProgram<'a> {
     fn interpolate(&self, state: &StoreState, mut of: impl FnMut(usize) -> f64) -> f64 {
         let grid = &self.store.grid;
         let (energies, temperatures) = (grid.energy_kwh.len(), grid.temperature_c.len());
-        let (e, energy) = around(&grid.energy_kwh, state.energy_kwh);
-        let (t, temperature) = around(&grid.temperature_c, state.temperature_c);
-        let (d, depth) = around(&grid.depth, state.depth);
+        let (e, energy) = grid.energy_kwh.locate(state.energy_kwh);
+        let (t, temperature) = grid.temperature_c.locate(state.temperature_c);
+        let (d, depth) = grid.depth.locate(state.depth);
         let below = (d * temperatures + t) * energies + e;
         let places = [0, 1, energies, energies + 1];
         let mut value = 0.0;
@@ -342,7 +342,7 @@ impl<'a> DynamicProgram<'a> {
 /// A temperature is a mean of the ends of rows. Values there, and at these ends, are read between two points of the grid.
 fn reachable_temperatures(store: &Store, problem: &DispatchProblem) -> Vec<Range<usize>> {
     let points = &store.grid.temperature_c;
-    let below = |temperature_c: f64| around(points, temperature_c).0;
+    let below = |temperature_c: f64| points.locate(temperature_c).0;
     let first = below(problem.start.temperature_c);
     let mut rows = first..first + 2;
     let mut all = vec![rows.clone()];

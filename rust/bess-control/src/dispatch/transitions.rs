@@ -1,6 +1,6 @@
 //! Response of the whole plant, as one store, to each of several powers held over some control steps.
 
-use bess_tables::{Direction, InputError, Lut};
+use bess_tables::{Axis, Direction, InputError, Lut};
 
 use crate::error::{check_length, check_range};
 use crate::model::{ControlModel, Interval, StringState};
@@ -21,12 +21,12 @@ pub struct StoreState {
 /// The plant as one store: its grid of states, and the powers of its strings at each power of the plant.
 #[derive(Debug, Clone)]
 pub struct StoreGrid {
-    /// Grid points of the stored energy [kWh], ascending, two at least.
-    pub energy_kwh: Vec<f64>,
+    /// Grid points of the stored energy [kWh], two at least.
+    pub energy_kwh: Axis,
     /// Grid points of the mean temperature [degC], likewise.
-    pub temperature_c: Vec<f64>,
+    pub temperature_c: Axis,
     /// Grid points of the depth of the present discharge; one if wear is independent of it.
-    pub depth: Vec<f64>,
+    pub depth: Axis,
     /// SOC of each string at each energy `(E, M)`.
     pub soc: Vec<f64>,
     /// Powers of the plant `(P,)` [kW], signed.
@@ -123,17 +123,6 @@ pub(super) struct Transitions {
     pub runs: Vec<Vec<Run>>,
 }
 
-/// Segment of ascending points around a value, and the position in it, 0 to 1.
-#[inline]
-pub(super) fn around(points: &[f64], at: f64) -> (usize, f64) {
-    if points.len() < 2 {
-        return (0, 0.0);
-    }
-    let low = points[1..points.len() - 1].partition_point(|&point| point <= at);
-    let share = (at - points[low]) / (points[low + 1] - points[low]);
-    (low, share.clamp(0.0, 1.0))
-}
-
 /// Weights of the corners of a cell, the first number first.
 #[inline]
 pub(super) fn weights(first: f64, second: f64) -> [f64; 4] {
@@ -149,14 +138,11 @@ impl StoreGrid {
     /// Lengths do not agree, a grid has fewer points than it needs, or a number is not finite.
     pub fn check(&self, model: &ControlModel) -> Result<(), InputError> {
         let n_strings = model.strings().len();
-        for (name, points, least) in [
-            ("energy", &self.energy_kwh, 2),
-            ("temperature", &self.temperature_c, 2),
-            ("depth", &self.depth, 1),
-        ] {
-            check_range(name, points, (-f64::MAX, f64::MAX), "")?;
-            check_length(name, points, points.len().max(least))?;
+        for (name, points) in [("energy", &self.energy_kwh), ("temperature", &self.temperature_c)] {
+            check_length(name, points, points.len().max(2))?;
         }
+        check_length("power", &self.power_kw, self.power_kw.len().max(1))?;
+        check_range("parts", &[self.parts as f64], (1.0, f64::MAX), "")?;
         check_length("soc", &self.soc, self.energy_kwh.len() * n_strings)?;
         check_length("request", &self.request_w, self.power_kw.len() * n_strings)?;
         check_length("energies", &self.energies, n_strings)?;
@@ -177,7 +163,7 @@ impl StoreGrid {
         let hours = steps as f64 * self.dt_h;
         let cooled = 1.0 - (-self.cooling_per_h * hours).exp();
         let mut out = Transitions { hours, cooled, ..Transitions::default() };
-        for &temperature_c in &self.temperature_c {
+        for &temperature_c in self.temperature_c.iter() {
             for p in 0..self.power_kw.len() {
                 out.flows.extend((0..energies).map(|e| self.flows(model, e, temperature_c, p, steps)));
             }
@@ -190,25 +176,22 @@ impl StoreGrid {
             .map(|flows| flows.iter().fold((f64::INFINITY, f64::NEG_INFINITY), include))
             .collect();
         let mut cells = Vec::with_capacity(out.flows.len());
-        for (row, flows) in out.flows.iter().enumerate() {
-            let (low, energy) = around(&self.energy_kwh, flows.energy_kwh);
-            let (cool, temperature) = around(&self.temperature_c, flows.temperature_c);
+        for flows in &out.flows {
+            let (low, energy) = self.energy_kwh.locate(flows.energy_kwh);
+            let (cool, temperature) = self.temperature_c.locate(flows.temperature_c);
             cells.push(cool * energies + low);
             out.energy.push(energy);
             out.temperature.push(temperature);
-            let settled = self.settle(flows, self.energy_kwh[row % energies], self.depth[0], hours);
-            out.amounts.iter_mut().zip(settled.amounts).for_each(|(all, amount)| all.push(amount));
-            out.drawn.push(settled.drawn);
-            out.cycled_kwh.push(settled.cycled_kwh);
         }
-        let some = |from: usize| {
-            out.amounts.each_ref().map(|all| all[from..from + energies].iter().any(|&amount| amount != 0.0))
-        };
-        out.has_some = (0..out.flows.len()).step_by(energies).map(some).collect();
-        for &depth in &self.depth {
+        for (d, &depth) in self.depth.iter().enumerate() {
             for (row, flows) in out.flows.iter().enumerate() {
-                let after = self.settle(flows, self.energy_kwh[row % energies], depth, hours).after;
-                let (low, share) = around(&self.depth, after.depth);
+                let settled = self.settle(flows, self.energy_kwh[row % energies], depth, hours);
+                if d == 0 {
+                    out.amounts.iter_mut().zip(settled.amounts).for_each(|(all, amount)| all.push(amount));
+                    out.drawn.push(settled.drawn);
+                    out.cycled_kwh.push(settled.cycled_kwh);
+                }
+                let (low, share) = self.depth.locate(settled.after.depth);
                 out.depth.push(share);
                 let place = low * temperatures * energies + cells[row];
                 if row % (energies * self.power_kw.len()) == 0 {
@@ -222,6 +205,10 @@ impl StoreGrid {
                 }
             }
         }
+        let some = |from: usize| {
+            out.amounts.each_ref().map(|all| all[from..from + energies].iter().any(|&amount| amount != 0.0))
+        };
+        out.has_some = (0..out.flows.len()).step_by(energies).map(some).collect();
         out
     }
 
@@ -298,8 +285,8 @@ impl Transitions {
     /// Flows of a power from any state, interpolated between grid points.
     pub fn between(&self, grid: &StoreGrid, state: &StoreState, p: usize) -> Flows {
         let (energies, powers) = (grid.energy_kwh.len(), grid.power_kw.len());
-        let (e, energy) = around(&grid.energy_kwh, state.energy_kwh);
-        let (t, temperature) = around(&grid.temperature_c, state.temperature_c);
+        let (e, energy) = grid.energy_kwh.locate(state.energy_kwh);
+        let (t, temperature) = grid.temperature_c.locate(state.temperature_c);
         let mut out = Flows::default();
         let below = (t * powers + p) * energies + e;
         let rows = [below, below + 1, below + powers * energies, below + powers * energies + 1];

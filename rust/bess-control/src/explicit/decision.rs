@@ -8,7 +8,7 @@
 
 use super::{larger, smaller, Tables, MAX_STRINGS};
 
-// Indices of the demand features .
+// Indices of the demand features.
 pub(crate) const FEATURE_DISCHARGE_KWH: usize = 0;
 pub(crate) const FEATURE_CHARGE_KWH: usize = 1;
 pub(crate) const FEATURE_PEAK_KW: usize = 2;

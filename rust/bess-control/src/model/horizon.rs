@@ -74,6 +74,7 @@ impl ControlHorizon {
         let (n_strings, n_steps) = (model.strings().len(), problem.demand_w.len());
         let n_groups = problem.tolerance_abs.len();
         let start = model.states(problem.soc, problem.temperature_c)?;
+        check_length("demand", problem.demand_w, n_steps.max(1))?;
         check_length("ambient_c", problem.ambient_c, n_steps)?;
         check_length("limit", problem.limit_w, n_strings * n_steps)?;
         check_length("tol_rel", problem.tolerance_rel, n_groups)?;
@@ -87,7 +88,7 @@ impl ControlHorizon {
         check_range("tol_abs", problem.tolerance_abs, (0.0, f64::MAX), "")?;
         check_range("tol_rel", problem.tolerance_rel, (0.0, f64::MAX), "")?;
         check_range("demand", problem.demand_w, (-f64::MAX, f64::MAX), " W")?;
-        for (string, limits) in model.strings().iter().zip(problem.limit_w.chunks(n_steps.max(1))) {
+        for (string, limits) in model.strings().iter().zip(problem.limit_w.chunks(n_steps)) {
             check_range("limit", limits, (0.0, string.nominal_w() * (1.0 + POWER_SLACK)), " W")?;
         }
         let total = |step: usize| (0..n_strings).map(|m| problem.limit_w[m * n_steps + step]).sum();

@@ -116,8 +116,7 @@ impl LossCurve {
     /// Smallest and largest `g` over the delivered powers `[low, high]` of an inverter that is on [W].
     pub fn internal_range(&self, low: f64, high: f64) -> Range {
         let g = |p: f64| self.internal_w(p, self.at(p).0);
-        let inside = self.power.iter().copied().filter(|&p| p > low && p < high).map(g);
-        inside.chain([g(low), g(high)]).collect()
+        Range { low, high }.places(&self.power).map(g).collect()
     }
 }
 

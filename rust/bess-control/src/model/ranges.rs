@@ -1,6 +1,6 @@
 //! Ranges of the coefficients over boxes of states, taken from the tables' own knots.
 
-use bess_tables::{Direction, Lut, Resistance};
+use bess_tables::{Direction, Resistance};
 
 use crate::model::{StringModel, StringState};
 
@@ -27,6 +27,17 @@ impl Range {
     /// Intersection; the lower end is above the upper one if it is empty.
     pub fn intersection(&self, other: &Self) -> Self {
         Self { low: self.low.max(other.low), high: self.high.min(other.high) }
+    }
+
+    /// The knots strictly inside.
+    pub(crate) fn inside<'k>(&self, knots: &'k [f64]) -> impl Iterator<Item = f64> + 'k {
+        let Self { low, high } = *self;
+        knots.iter().copied().filter(move |&knot| knot > low && knot < high)
+    }
+
+    /// The knots strictly inside, then both ends.
+    pub(crate) fn places<'k>(&self, knots: &'k [f64]) -> impl Iterator<Item = f64> + 'k {
+        self.inside(knots).chain([self.low, self.high])
     }
 
     pub(crate) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
@@ -108,8 +119,9 @@ impl StringModel {
     /// extremes of a piece, which is exact where `V` rises and `R` does not rise with SOC, and `V` does not
     /// depend on temperature.
     pub fn ranges(&self, direction: Direction, states: &StateBox) -> CoefficientRanges {
+        let factor = &self.parameters.derating.factor;
         let mut out = CoefficientRanges {
-            derating: lut_range(&self.parameters.derating.factor, &states.temperature_c),
+            derating: states.temperature_c.places(factor.x()).map(|c| factor.at(c)).collect(),
             voltage_v: Range::EMPTY,
             resistance_ohm: Range::EMPTY,
             power_scale_w: Range::EMPTY,
@@ -132,23 +144,20 @@ impl StringModel {
         let ocv = p.ocv_table(direction);
         let mut socs = vec![states.soc.low, states.soc.high];
         let mut temperatures = vec![states.temperature_c.low, states.temperature_c.high];
-        let inside = |values: &[f64], range: &Range| -> Vec<f64> {
-            values.iter().copied().filter(|&v| v > range.low && v < range.high).collect()
-        };
-        socs.extend(inside(ocv.x(), &states.soc));
-        temperatures.extend(inside(ocv.y(), &states.temperature_c));
+        socs.extend(states.soc.inside(ocv.x()));
+        temperatures.extend(states.temperature_c.inside(ocv.y()));
         let mut switch = f64::NEG_INFINITY;
         match &p.resistance {
             Resistance::Switched { temperature, soc_factor, low_soc_switch } => {
-                socs.extend(inside(soc_factor.x(), &states.soc));
-                socs.extend(inside(&[*low_soc_switch], &states.soc));
-                temperatures.extend(inside(temperature.x(), &states.temperature_c));
+                socs.extend(states.soc.inside(soc_factor.x()));
+                socs.extend(states.soc.inside(&[*low_soc_switch]));
+                temperatures.extend(states.temperature_c.inside(temperature.x()));
                 switch = *low_soc_switch;
             }
             Resistance::Measured { charge, discharge, .. } => {
                 for grid in direction.pick(charge, discharge) {
-                    socs.extend(inside(grid.x(), &states.soc));
-                    temperatures.extend(inside(grid.y(), &states.temperature_c));
+                    socs.extend(states.soc.inside(grid.x()));
+                    temperatures.extend(states.temperature_c.inside(grid.y()));
                 }
             }
         }
@@ -196,10 +205,4 @@ impl StringModel {
             measured @ Resistance::Measured { .. } => measured.control_at(direction, soc, temperature_c),
         }
     }
-}
-
-/// Range of a piecewise linear table over an interval of its argument.
-fn lut_range(lut: &Lut, x: &Range) -> Range {
-    let inside = lut.x().iter().zip(lut.y()).filter(|(knot, _)| **knot > x.low && **knot < x.high);
-    inside.map(|(_, value)| *value).chain([lut.at(x.low), lut.at(x.high)]).collect()
 }

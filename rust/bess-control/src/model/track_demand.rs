@@ -122,6 +122,7 @@ impl ControlModel {
         let (n_strings, n_steps) = (self.strings().len(), demand_w.len());
         check_length("shares", &shares.limit_w, n_strings)?;
         check_length("ambient_c", ambient_c, n_steps)?;
+        check_range("parts", &[parts as f64], (1.0, f64::MAX), "")?;
         check_range("demand", demand_w, (-f64::MAX, f64::MAX), " W")?;
         let mut out = TrackedDemand {
             request_w: vec![0.0; n_strings * n_steps],

@@ -25,11 +25,11 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// A group is empty, or the number of values differs from the number of strings.
+    /// There is no group, a group is empty, or the number of values differs from the number of strings.
     pub fn new(of_string: &[Option<usize>], n_strings: usize) -> Result<Self, InputError> {
         check_length("groups", of_string, n_strings)?;
         let empty = |group: usize| InputError(format!("groups: no string is in group {group}"));
-        let n_groups = of_string.iter().flatten().max().map_or(0, |most| most + 1);
+        let n_groups = of_string.iter().flatten().max().map_or(1, |most| most + 1);
         let mut members = vec![vec![]; n_groups.min(n_strings)];
         for (m, group) in of_string.iter().enumerate().filter_map(|(m, group)| group.map(|g| (m, g))) {
             members.get_mut(group).ok_or_else(|| empty(group))?.push(m);

@@ -177,8 +177,8 @@ impl<'a> PlanProblem<'a> {
         Ok(self)
     }
 
-    /// The problem in steps `per` times as long: mean demand, ambient temperature and prices of each `per` steps. A last one
-    /// beyond the horizon has the energy of the steps within.
+    /// The problem in steps `per` times as long: mean demand, ambient temperature, limits and prices of each `per` steps, and the
+    /// loss curves of the first of them. A last one beyond the horizon has the energy of the steps within.
     pub(crate) fn coarsened(&self, per: usize) -> Self {
         let n_steps = self.n_steps();
         let blocks: Vec<_> = (0..n_steps).step_by(per).map(|from| from..(from + per).min(n_steps)).collect();
@@ -205,9 +205,10 @@ impl<'a> PlanProblem<'a> {
             blocks.iter().flat_map(|b| (0..self.n_strings()).map(move |m| limit_w(b, m))).collect();
         coarse.prices.balance = 0.0;
         if !self.curves.is_empty() {
-            let curve = |m: usize, b: &ops::Range<usize>| self.curve(m, b.start).clone();
-            coarse.curves =
-                (0..self.n_strings()).flat_map(|m| blocks.iter().map(move |b| curve(m, b))).collect();
+            let of_kind = |row: &[LossCurve]| -> Vec<LossCurve> {
+                blocks.iter().map(|b| row[b.start].clone()).collect()
+            };
+            coarse.curves = self.curves.chunks_exact(n_steps).flat_map(of_kind).collect();
         }
         coarse
     }
@@ -432,5 +433,38 @@ impl<'a> PlanProblem<'a> {
     #[inline]
     pub(crate) fn usable_ah(&self, m: usize, t: usize) -> f64 {
         self.capacity_ah(m) * self.limit_w(m, t) / self.model.strings()[m].nominal_w()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::common;
+    use bess_tables::Lut;
+
+    #[test]
+    fn a_coarse_problem_with_reactive_power_has_the_curve_of_each_inverter() {
+        let mut system = common::reference(3);
+        system.strings[2].inverter.loss_discharge = Lut::new("w", vec![0.0, 92e3], vec![5e3, 1e4]).unwrap();
+        let model = ControlModel::new(&system);
+        let interval = Interval { direction: Direction::Discharge, ambient_c: 25.0, dt_h: 0.25 };
+        let losses = vec![Losses::default(); 4];
+        let prices = Prices { losses, wear: vec![0.0; 3], start: 0.0, balance: 0.0, end_charge: 0.0 };
+        let start = vec![StringState { soc: 0.5, temperature_c: 25.0 }; 3];
+        let problem = PlanProblem::new(
+            &model,
+            start,
+            vec![false; 3],
+            &[150e3; 4],
+            vec![interval; 4],
+            &[92e3; 12],
+            prices,
+        )
+        .and_then(|problem| problem.with_reactive(&[50e3; 4]))
+        .unwrap();
+        let coarse = problem.coarsened(2);
+        for m in 0..3 {
+            assert_eq!(problem.curve(m, 0).at(10e3), coarse.curve(m, 0).at(10e3), "string {m}");
+        }
     }
 }

@@ -61,10 +61,8 @@ impl StringModel {
                 .expect("four candidates");
 
         let factor = &self.parameters.derating.factor;
-        let (low, high) = (states.temperature_c.low, states.temperature_c.high);
         let derated = |t: f64| 1.0 - factor.at(t);
-        let knots = factor.x().iter().copied().filter(|&t| t > low && t < high);
-        let temperatures: Vec<f64> = knots.chain([low, high]).collect();
+        let temperatures: Vec<f64> = states.temperature_c.places(factor.x()).collect();
         let kept: Vec<_> = temperatures.iter().map(|&t| (t, -derated(t))).collect();
         let derated_per_k = -hull_slope(&kept, temperature_c);
         let lowest =

@@ -4,7 +4,7 @@ use crate::model::{ControlHorizon, Range, StateBox};
 
 impl ControlHorizon {
     /// Boxes `(M, T + 1)` that contain the state at the start of each step, and at the end of the last, of every
-    /// schedule with `sum u = demand` and `0 <= u <= limit`.
+    /// schedule with `sum u = demand` and `u = 0` or `minimum power <= u <= limit`.
     pub fn reachable(&self) -> Vec<StateBox> {
         let n_steps = self.n_steps();
         let mut boxes = Vec::with_capacity(self.n_strings() * (n_steps + 1));

@@ -92,13 +92,12 @@ impl Potential {
     /// Range of the integral less a line with this slope.
     fn beyond_line(&self, soc: &Range, slope: f64) -> Range {
         let value = |s: f64| self.at(s) - slope * s;
-        let inside = |s: &f64| *s > soc.low && *s < soc.high;
+        let within = |s: &f64| *s > soc.low && *s < soc.high;
         let stationary = self.segments(soc).filter_map(|i| {
             let rise = self.slope(i);
             (rise != 0.0).then(|| self.soc[i] + (slope - self.voltage_v[i]) / rise)
         });
-        let places = self.soc.iter().copied().chain(stationary).filter(inside).chain([soc.low, soc.high]);
-        places.map(value).collect()
+        soc.places(&self.soc).chain(stationary.filter(within)).map(value).collect()
     }
 }
 
@@ -318,13 +317,9 @@ impl StringModel {
         }
         // The voltage of the step less that of the potential, at the same SOC.
         let table = self.parameters.ocv_table(direction);
-        let inside = |range: &Range, x: &[f64]| -> Vec<f64> {
-            let knots = x.iter().copied().filter(|x| *x > range.low && *x < range.high);
-            knots.chain([range.low, range.high]).collect()
-        };
-        let (socs, temperatures) = (inside(&states.soc, table.x()), inside(&states.temperature_c, table.y()));
-        let states = socs.iter().flat_map(|&soc| temperatures.iter().map(move |&at_c| (soc, at_c)));
-        let apart: Range = states
+        let at = |soc: f64| states.temperature_c.places(table.y()).map(move |at_c| (soc, at_c));
+        let places = states.soc.places(table.x()).flat_map(at);
+        let apart: Range = places
             .map(|(soc, at_c)| self.parameters.ocv(direction, soc, at_c) - potential.voltage(soc))
             .collect();
         // Half the voltage that the charge moved in the step makes up for; downhill it is more than the mean of the step.
@@ -367,11 +362,8 @@ fn inverter_lines(
     unit_w: f64,
     loss_unit_w: f64,
 ) -> ([(f64, f64); N_LINES], (f64, f64)) {
-    let mut knots: Vec<(f64, f64)> = vec![];
-    let inside = curve.power().iter().copied().filter(|x| *x > p.low && *x < p.high);
-    for x in [p.low].into_iter().chain(inside).chain([p.high]) {
-        knots.push((x / unit_w, curve.at(x).0 / loss_unit_w));
-    }
+    let places = [p.low].into_iter().chain(p.inside(curve.power())).chain([p.high]);
+    let knots: Vec<_> = places.map(|x| (x / unit_w, curve.at(x).0 / loss_unit_w)).collect();
     let rise = |a: (f64, f64), b: (f64, f64)| if b.0 > a.0 { (b.1 - a.1) / (b.0 - a.0) } else { 0.0 };
     let mut hull: Vec<(f64, f64)> = vec![];
     for &knot in &knots {

@@ -284,10 +284,4 @@ mod tests {
         let least = least_cost(&cuts([1.0, 2.0, 4.0], [5.0, 7.0, 9.0]), 0.0, &[0.0; 3], f64::INFINITY);
         assert_eq!(least, 7.0);
     }
-
-    #[test]
-    fn what_may_be_shed_is_counted_at_the_cheapest_string() {
-        let costs = [3.0, 1.0, 2.0].map(|availability| Losses { availability, ..Losses::default() });
-        assert_eq!(cheapest_shed(&costs), 1.0);
-    }
 }

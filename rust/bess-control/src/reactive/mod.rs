@@ -22,8 +22,12 @@ pub(crate) fn curve_at_power_factor(curve: &LossCurve, nominal_w: f64, factor: f
     while x.is_empty() || others * nominal_w < factor * max_w {
         for (&knot, &loss) in curve.power().iter().zip(curve.loss()) {
             let knot = if others > 0.0 { knot.max(STEP * nominal_w) } else { knot };
-            x.push((others * nominal_w + knot) / factor);
-            y.push(others * full_w + loss);
+            let power_w = (others * nominal_w + knot) / factor;
+            // Knots within the step to another inverter are left out.
+            if x.last().is_none_or(|&last| power_w > last) {
+                x.push(power_w);
+                y.push(others * full_w + loss);
+            }
         }
         others += 1.0;
     }
@@ -38,7 +42,7 @@ mod tests {
 
     #[test]
     fn the_loss_is_that_of_the_apparent_power_and_of_more_inverters_above_the_nominal_one() {
-        let table = Lut::new("w", vec![0.0, 50.0, 100.0], vec![2.0, 3.0, 7.0]).unwrap();
+        let table = Lut::new("w", vec![0.0, 5e-5, 50.0, 100.0], vec![2.0, 2.0, 3.0, 7.0]).unwrap();
         for direction in [Direction::Charge, Direction::Discharge] {
             let curve = LossCurve::new(&table, direction, 100.0);
             let scaled = curve_at_power_factor(&curve, 100.0, 2.5, 90.0);

@@ -180,7 +180,8 @@ pub(crate) struct Plane {
 impl Plane {
     /// Tries a grid of shares in both steps, then refines the best.
     pub fn search(&self, tracked: &mut IncrementalRollout<'_>, ranking: &Ranking) {
-        let here = (tracked.request(self.first.strings.0, self.first.step), self.here_second(tracked));
+        let at = |line: &Line| tracked.request(line.strings.0, line.step);
+        let here = (at(&self.first), at(&self.second));
         let mut best = (here, tracked.objectives());
         let mut seconds = self.second.grid(tracked);
         seconds.sort_by(f64::total_cmp);
@@ -207,10 +208,6 @@ impl Plane {
             self.first.commit(tracked, Shift { first_w, follows: false });
             self.second.commit(tracked, Shift { first_w: second_w, follows: false });
         }
-    }
-
-    fn here_second(&self, tracked: &IncrementalRollout<'_>) -> f64 {
-        tracked.request(self.second.strings.0, self.second.step)
     }
 
     /// Schedules with one first request and several ascending second ones, and intermediate ones that just

@@ -33,11 +33,6 @@ pub struct Rainflow<P> {
 }
 
 impl<P: Copy> Rainflow<P> {
-    /// Nothing counted yet.
-    pub fn new() -> Self {
-        Self { points: Vec::new(), next: 0 }
-    }
-
     /// Continues from the points left and the number of values seen.
     pub fn resumed(points: Vec<Point<P>>, next: u64) -> Self {
         Self { points, next }
@@ -106,7 +101,7 @@ mod tests {
     use super::*;
 
     fn count(series: &[f64]) -> Vec<(f64, f64, u64, u64)> {
-        let (mut rainflow, mut out) = (Rainflow::new(), Vec::new());
+        let (mut rainflow, mut out) = (Rainflow::default(), Vec::new());
         for &value in series {
             rainflow.push(value, (), |c| out.push(c));
         }

@@ -5,7 +5,7 @@ use bess_tables::{Direction, InputError, StringParameters};
 
 use super::law::{Cycle, Knee, Model, Standing};
 use super::models::model;
-use super::rainflow::{Counted, Point, Rainflow};
+use super::rainflow::{Counted, Point};
 use super::state::{AgeingState, Damage, Gathered, Loss, Mark};
 
 /// Capacity and resistance change once this much time has gathered, at the end of a control step [s].
@@ -48,12 +48,8 @@ impl StringAgeing {
         let mut state = AgeingState {
             base_capacity: soh_capacity + lost,
             base_resistance: soh_resistance - gained,
-            calendar: Damage::default(),
-            cyclic: Damage::default(),
-            now: Mark::default(),
-            gathered: Gathered::default(),
-            rainflow: Rainflow::new(),
             loss: Loss { calendar: share * lost, cyclic: (1.0 - share) * lost, soh_capacity, soh_resistance },
+            ..AgeingState::default()
         };
         if let Some(model) = self.model {
             state.calendar = Damage {

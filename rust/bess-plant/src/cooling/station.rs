@@ -13,7 +13,7 @@ use crate::record::Record;
 use crate::thermal::Coefficients;
 
 /// Cooling state of a plant.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct CoolingState {
     /// Stages of flow that are on, of each lane.
     pub stages: Vec<u8>,
@@ -84,11 +84,7 @@ impl Station {
             cooling: cooling.clone(),
             units,
             step_s,
-            state: CoolingState {
-                stages: vec![0; lanes],
-                chilling: vec![false; scenarios],
-                loop_c: vec![0.0; scenarios],
-            },
+            state: CoolingState::default(),
             share: zeros.clone(),
             faces: Faces::new(lanes),
             carried_w: zeros,

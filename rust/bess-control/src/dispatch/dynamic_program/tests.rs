@@ -1,6 +1,6 @@
 //! Claims about the dynamic program, on a grid that is small enough to enumerate.
 
-use bess_tables::Lut;
+use bess_tables::{Axis, Lut};
 
 use super::*;
 use crate::dispatch::StoreGrid;
@@ -14,9 +14,9 @@ fn store(depths: &[f64]) -> Store {
     let soc: Vec<f64> = (0..5).map(|e| 0.25 * e as f64).collect();
     let full_kwh = 130.0;
     let grid = StoreGrid {
-        energy_kwh: soc.iter().map(|soc| 2.0 * full_kwh * soc).collect(),
-        temperature_c: vec![20.0, 40.0, 50.0],
-        depth: depths.to_vec(),
+        energy_kwh: Axis::ascending(soc.iter().map(|soc| 2.0 * full_kwh * soc).collect()),
+        temperature_c: Axis::ascending(vec![20.0, 40.0, 50.0]),
+        depth: Axis::ascending(depths.to_vec()),
         soc: soc.iter().flat_map(|&soc| [soc, soc]).collect(),
         power_kw: vec![-160.0, -80.0, 0.0, 80.0, 160.0],
         request_w: [-80e3, -40e3, 0.0, 40e3, 80e3].iter().flat_map(|&w| [w, w]).collect(),
@@ -83,9 +83,9 @@ fn enumerated(program: &DynamicProgram<'_>, b: usize, [d, t, e]: [usize; 3], l: 
     let value = |p: usize| {
         let flows = &transitions.flows[(t * grid.power_kw.len() + p) * grid.energy_kwh.len() + e];
         let settled = grid.settle(flows, grid.energy_kwh[e], grid.depth[d], transitions.hours);
-        let (low, energy) = around(&grid.energy_kwh, settled.after.energy_kwh);
-        let (cool, warm) = around(&grid.temperature_c, settled.after.temperature_c);
-        let (shallow, deep) = around(&grid.depth, settled.after.depth);
+        let (low, energy) = grid.energy_kwh.locate(settled.after.energy_kwh);
+        let (cool, warm) = grid.temperature_c.locate(settled.after.temperature_c);
+        let (shallow, deep) = grid.depth.locate(settled.after.depth);
         let mut value = income_of(&settled.amounts, program.income(b, l))
             - problem.wear_eur(grid.depth[d], settled.drawn)
             - settled.cycled_kwh * program.shadow_eur[s];
@@ -93,7 +93,7 @@ fn enumerated(program: &DynamicProgram<'_>, b: usize, [d, t, e]: [usize; 3], l: 
             for (node, of_node) in [(cool, 1.0 - warm), (cool + 1, warm)] {
                 // The block ends in its own ambient temperature.
                 let (cold, hot) =
-                    around(&grid.temperature_c, grid.temperature_c[node] + program.ambient_shift_k(b));
+                    grid.temperature_c.locate(grid.temperature_c[node] + program.ambient_shift_k(b));
                 for (node, of_ambient) in [(cold, 1.0 - hot), (cold + 1, hot)] {
                     for (energy, of_energy) in [(low, 1.0 - energy), (low + 1, energy)] {
                         let weight = of_depth * of_node * of_ambient * of_energy;

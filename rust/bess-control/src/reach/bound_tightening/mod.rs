@@ -47,8 +47,9 @@ struct ReferenceSchedule {
 }
 
 impl ControlHorizon {
-    /// Bounds the cost of every schedule, and the states of schedules that cost no more than `request_w` `(M, T)`, with
-    /// a total availability loss of at most `shed_budget_w`. `costs` `(M,)` [1/W] are those of the losses.
+    /// Bounds the cost of every schedule without requests below the minimum power, and the states of such schedules that cost
+    /// no more than `request_w` `(M, T)`, with a total availability loss of at most `shed_budget_w`. `costs` `(M,)` [1/W] are
+    /// those of the losses.
     ///
     /// # Errors
     ///
