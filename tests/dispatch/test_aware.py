@@ -82,13 +82,30 @@ def test_a_fee_is_a_reason_to_trade_less() -> None:
     assert dear.expected_net_eur < free.expected_net_eur
 
 
-def test_at_negative_prices_the_plan_charges_and_never_pays_to_discharge() -> None:
-    system = bess.System.reference(2)
+def test_at_negative_prices_the_plan_ends_full_and_earns_at_least_what_charging_does() -> None:
+    system, state = bess.System.reference(2), bess.State([0.9, 0.9], [25.0, 25.0])
     price = np.r_[np.full(24, 50.0), np.full(24, -200.0), np.full(48, 40.0)]
-    plan = bess.plan_dispatch(system, price, bess.State([0.9, 0.9], [25.0, 25.0]), hours=24)
-    assert (plan.demand_kw[24:48] <= 0.0).all()
-    charged = np.abs(plan.expected_delivered_kw[24:48]).sum() * 0.25
-    assert charged > 0.8 * system.nominal_energy_kwh.sum()
+    plan = bess.plan_dispatch(system, price, state, hours=24)
+    assert plan.expected_energy_kwh[47] > 0.95 * plan.expected_energy_kwh.max()
+    income_eur = (plan.expected_delivered_kw * price)[24:48].sum() * 0.25 / 1000.0
+    assert income_eur > 0.2 * system.nominal_energy_kwh.sum()
+
+
+@pytest.mark.parametrize(("wear_eur_mwh", "fee_eur_mwh"), [(31.0, 0.0), (0.0, 35.0)])
+def test_a_cycle_pays_whose_discharge_alone_does_not(wear_eur_mwh: float, fee_eur_mwh: float) -> None:
+    """Charging earns 60 EUR/MWh at noon; discharging costs 1 or 5, with wear or the fee."""
+    hour = np.arange(96) // 4
+    price = np.where((hour >= 10) & (hour < 15), -60.0, 30.0)
+    plan = bess.plan_dispatch(
+        with_wear(model="throughput", eur_per_mwh=wear_eur_mwh) if wear_eur_mwh else bess.System.reference(2),
+        price,
+        bess.State([0.9, 0.9], [25.0, 25.0]),
+        hours=24,
+        terms=SettlementTerms(discharge_fee_eur_mwh=fee_eur_mwh),
+    )
+    assert plan.demand_kw[:40].max() > 50.0
+    assert plan.demand_kw[40:60].min() < -50.0
+    assert plan.expected_net_eur > 20.0
 
 
 def test_a_plan_stays_within_cycles_power_and_energy() -> None:

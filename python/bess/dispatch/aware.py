@@ -35,9 +35,6 @@ _CYCLE_PRICES: Final = (0.0, 0.1, 0.2, 0.4, 0.7, 1.2)
 _ENERGIES: Final = 61
 """Grid points of the stored energy."""
 
-_EXCLUDED_EUR_KWH: Final = -1e3
-"""Income per kWh that excludes discharging at a negative price, which would pay for dissipating energy."""
-
 
 @dataclass(frozen=True, eq=False)
 class DispatchPlan(ByValue):
@@ -212,7 +209,7 @@ class DynamicProgramDispatch:
         sell -= depths.by_energy_eur_kwh
         eur = np.stack(
             [
-                np.where(sell < 0.0, _EXCLUDED_EUR_KWH, sell),
+                sell,
                 -buy,
                 -self._terms.shortfall_price_eur_mwh(price) / KWH_PER_MWH,
                 np.full(price.shape, -depths.holding_eur_kwh_h),
