@@ -210,9 +210,13 @@ def test_a_single_step_lasts_the_whole_time_of_its_duration_curve() -> None:
 
 
 def test_runs_that_did_the_same_are_told_apart() -> None:
-    runs = {"a": record(2, 24), "b": record(2, 24), "c": record(2, 24, concentrate=1.0)}
-    lines = operation.mean_temperature(runs).panels[0].series[:3]
-    assert [(line.label, line.dashed) for line in lines] == [("a", False), ("b (as a)", True), ("c", False)]
+    warmer = record(2, 24)
+    warmer["temperature_c"] = warmer["temperature_c"] + 1.0
+    runs = {"a": record(2, 24), "b": record(2, 24), "c": record(2, 24, concentrate=1.0), "d": warmer}
+    lines = operation.mean_temperature(runs).panels[0].series[:4]
+    assert [(line.label, line.dashed) for line in lines] == [
+        ("a", False), ("b (as a)", True), ("c", False), ("d", False),
+    ]  # fmt: skip
 
 
 def test_events_are_marked_where_they_were_and_no_longer() -> None:

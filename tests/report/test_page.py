@@ -211,6 +211,26 @@ def test_a_sweep_begins_with_its_knee_and_the_points_worth_a_look(tmp_path: Path
         assert (first, last) == (f"{weight:g}", f"{peak:.1f}"), why
 
 
+def test_a_scenario_that_leaves_demand_unmet_is_not_recommended(tmp_path: Path) -> None:
+    """The smallest inverters lose least, because they serve least."""
+    columns = [*dict.fromkeys([*BASE, "lost_kwh", "unmet_kwh"])]
+    lines = [",".join(["name", "status", "error", "inverter.nominal_kw", *columns])]
+    for name, kw, lost, unmet in (
+        ("a", 10, 50, 1100),
+        ("b", 40, 90, 0),
+        ("c", 60, 100, 0),
+        ("d", 92, 110, 0),
+    ):
+        write_run(tmp_path / name, record(2, 24), name)
+        kpis = BASE | {"lost_kwh": lost, "unmet_kwh": unmet}
+        lines.append(",".join(map(str, [name, "done", "", kw, *(kpis[key] for key in columns)])))
+    (tmp_path / "sweep.csv").write_text("\n".join(lines) + "\n")
+    source = write_report(tmp_path).read_text(encoding="utf-8")
+    assert "Not compared, because more demand is unmet: 1." in source
+    (row,) = re.findall(r'<th scope="row">[^<]*least lost</th>(.*?)</tr>', source)
+    assert re.findall("<td>(.*?)</td>", row)[0] == "40"
+
+
 def test_many_scenarios_become_a_table_of_lines(tmp_path: Path) -> None:
     for index in range(10):
         write_run(tmp_path / f"w{index}", record(2, 24, concentrate=index / 9), f"w{index}")

@@ -260,7 +260,7 @@ def test_a_planned_run_says_how_far_its_plans_may_be_from_the_best(tmp_path: Pat
     "flows",
     [
         {"reactive_kvar": "delivered_kw", "reactive_demand_kvar": "demand_kw"},
-        {"auxiliary_kw": "demand_kw", "cooling_kw": "delivered_kw", "coolant_c": "demand_kw"},
+        {"investment_eur": "delivered_kw"},
     ],
 )
 def test_hindsight_is_offered_only_where_it_does_not_refuse(tmp_path: Path, flows: dict[str, str]) -> None:

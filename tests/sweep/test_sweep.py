@@ -103,7 +103,7 @@ def test_a_failed_scenario_is_reported_and_the_rest_finished(tmp_path: Path, clu
     page = write_report(tmp_path / "out").read_text(encoding="utf-8")
     (first, *others) = result.failed
     assert f"Missing: {first} and {len(others)} more: " in page
-    assert "Pareto front" in page and "Knee of the front" in page
+    assert "Pareto front" in page and "The front of inverter and battery efficiency has no knee" in page
 
 
 def test_a_killed_worker_does_not_lose_the_sweep(tmp_path: Path, cluster: Any) -> None:

@@ -39,8 +39,9 @@ def comparison(runs: Mapping[str, Run]) -> Iterator[FigureSpec]:
     results = {name: run.dataset for name, run in runs.items()}
     yield FigureSpec(
         "losses",
-        "Undelivered energy and losses",
-        "Shorter is better. The figure at the end of each bar is the sum of its parts.",
+        "Unmet and undelivered energy, and all losses",
+        "Shorter is better. The figure at the end of each bar is the sum of its parts; unmet demand, "
+        "hysteresis and cooling are not part of the KPI “Undelivered + losses”.",
         partial(figures.losses_compared, {name: run.kpis for name, run in runs.items()}),
     )
     together = len({run.dataset["time"].values.tobytes() for run in runs.values()}) == 1

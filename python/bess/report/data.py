@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from datetime import UTC
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
@@ -16,7 +17,7 @@ from matplotlib.colors import to_hex, to_rgb
 from bess.errors import InputError
 from bess.report.drawing.chart import Series, Span, Values
 from bess.report.drawing.style import INK, colours
-from bess.simulation.record.dataset import study_of
+from bess.simulation.record.dataset import FLOWS, study_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,8 +43,8 @@ def dataset_of(result: Result) -> xr.Dataset:
 def told_apart(results: Results) -> Iterator[tuple[str, xr.Dataset, str, bool]]:
     """Yield name, dataset, colour, and whether lines are dashed, for each result; a single one has no name.
 
-    Curves of runs with bit-identical delivered powers coincide: the later ones are dashed, so that the first
-    remains visible, and named after it.
+    Curves of identical runs coincide: the later ones are dashed, so that the first remains visible, and named
+    after it.
     """
     # A dataset is a mapping of its variables, so it has to be ruled out first.
     several = isinstance(results, Mapping) and not hasattr(results, "sizes")
@@ -53,8 +54,16 @@ def told_apart(results: Results) -> Iterator[tuple[str, xr.Dataset, str, bool]]:
     seen: dict[bytes, str] = {}
     for (name, result), colour in zip(named.items(), colours(len(named)), strict=True):
         dataset = dataset_of(result)
-        first = seen.setdefault(dataset["delivered_kw"].values.tobytes(), name)
+        first = seen.setdefault(operation_of(dataset), name)
         yield (name if first == name else f"{name} (as {first})"), dataset, colour, first != name
+
+
+def operation_of(dataset: xr.Dataset) -> bytes:
+    """Digest of all that the plant did; equal for runs that are identical in every step."""
+    digest = sha256()
+    for name in FLOWS:
+        digest.update(dataset[name].values.tobytes() if name in dataset else b"-")
+    return digest.digest()
 
 
 def step_h(dataset: xr.Dataset) -> float:

@@ -209,7 +209,7 @@ def _flow_rows(flow: analysis.EnergyFlow) -> list[tuple[str, float, float, str]]
 
 @styled()
 def losses_compared(kpis: KpisByRun) -> Figure:
-    """Undelivered energy and losses of each run, stacked; their sum at the end of the bar.
+    """Unmet and undelivered energy and all losses of each run, stacked; their sum at the end of the bar.
 
     Parameters
     ----------
@@ -239,10 +239,28 @@ def losses_compared(kpis: KpisByRun) -> Figure:
     axes.set_yticks(places, list(kpis))
     axes.invert_yaxis()
     axes.set_xlim(0.0, 1.13 * max(float(ends.max()), _NEGLIGIBLE_KWH))
-    axes.set_xlabel("Undelivered energy and losses (kWh)")
+    axes.set_xlabel("Unmet, undelivered and lost (kWh)")
     axes.grid(visible=False, axis="y")
     figure.legend(loc="outside upper center", ncols=2)
     return figure
+
+
+MIN_FRONT: Final = 3
+"""Minimum number of points of a front that has a knee."""
+
+_SAME_SERVICE: Final = 1e-3
+"""Difference of unmet demand, as a share of the demand, up to which runs are compared by what they lose."""
+
+
+def serving_most(kpis: KpisByRun) -> KpisByRun:
+    """Runs that leave no more demand unmet than others: unmet demand is part of no loss."""
+    unmet = {name: row.get("unmet_kwh", 0.0) for name, row in kpis.items()}
+    least = min(unmet.values(), default=0.0)
+    return {
+        name: row
+        for name, row in kpis.items()
+        if unmet[name] <= least + _SAME_SERVICE * row.get("demand_kwh", 0.0)
+    }
 
 
 def front_of(kpis: KpisByRun, x: str, y: str) -> tuple[Values, Values, int]:
@@ -279,11 +297,12 @@ def pareto_front(
     series = [
         Series(points[order, 0], points[order, 1], style.DISCHARGE, "front"),
         dots(order, style.DISCHARGE, "front", "dots"),
-        dots([knee], style.AVAILABILITY, f"knee: {names[knee]}", "star"),
     ]
+    if order.size >= MIN_FRONT:
+        series.append(dots([knee], style.AVAILABILITY, f"knee: {names[knee]}", "star"))
     if not on_front.all():
         series.insert(0, dots(np.flatnonzero(~on_front), style.BACKGROUND, "dominated", "dots"))
-    ends = {names[order[0]], names[order[-1]]} - {names[knee]}
+    ends = {names[order[0]], names[order[-1]]} - ({names[knee]} if order.size >= MIN_FRONT else set())
     notes = [(kpis[name][x], kpis[name][y], name) for name in sorted(ends)]
     return Chart(
         kpi(x).heading,

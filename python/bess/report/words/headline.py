@@ -20,6 +20,7 @@ from bess.units import DAYS_PER_YEAR, HOURS_PER_DAY
 
 _HOURS_PER_YEAR = HOURS_PER_DAY * DAYS_PER_YEAR
 _KW_PER_MW = 1000.0
+_MIN_UNMET_KWH = 0.5
 _BUDGETS = {"cycles_per_year": "full cycles", "throughput_mwh_per_year": "MWh discharged"}
 
 
@@ -95,6 +96,8 @@ def _every(run: Run) -> Iterator[Tile]:
         "battery_loss_kwh": "cells",
     }
     detail = " + ".join(f"{_whole(kpis[name])} {where}" for name, where in parts.items())
+    if kpis["unmet_kwh"] >= _MIN_UNMET_KWH:
+        detail += f"; besides, {_whole(kpis['unmet_kwh'])} unmet"
     yield _tile("lost_kwh", kpis, detail)
     if "gain_kwh" in kpis and run.gain_rule != run.policy:
         yield _tile("gain_kwh", kpis, f"{run.gain_rule}: {_whole(kpis['lost_kwh'] + kpis['gain_kwh'])} kWh")
@@ -138,8 +141,10 @@ def limit_sentences(run: Run) -> list[str]:
     """Name the two largest parts of the loss, each with a remedy; and frequent starts."""
     causes = sorted(_causes(run), key=lambda cause: -cause[0])
     total = sum(kwh for kwh, _, _ in causes)
+    unmet = run.kpis["unmet_kwh"] >= _MIN_UNMET_KWH
+    whole = "what is unmet, undelivered or lost" if unmet else "the losses"
     said = [
-        f"{text}: {kpi('lost_kwh').quantity(kwh)}, {100.0 * kwh / total:.0f} % of the losses. {remedy}"
+        f"{text}: {kpi('lost_kwh').quantity(kwh)}, {100.0 * kwh / total:.0f} % of {whole}. {remedy}"
         for kwh, text, remedy in causes[:2]
         if kwh > _MIN_NAMED_SHARE * total
     ]

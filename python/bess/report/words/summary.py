@@ -12,8 +12,9 @@ import numpy as np
 from bess.control.policies.planned import PLANNED
 from bess.control.policies.settings import DEFAULT_FORESIGHT_H
 from bess.errors import by_reason
+from bess.report.charts.kpi_figures import serving_most
 from bess.report.contents import MAX_COMPARED_RUNS
-from bess.report.data import limit_of, step_h
+from bess.report.data import limit_of, operation_of, step_h
 from bess.report.runs import Run
 from bess.simulation.analysis.catalogue import kpi
 from bess.simulation.analysis.services import unprovable
@@ -55,6 +56,8 @@ def gain_sentence(run: Run) -> str:
     """Undelivered energy and losses of the run, and the difference to the best rule on the same demand."""
     kpis = run.kpis
     lost = f"{run.policy}: {_kwh(kpis['lost_kwh'])} undelivered or lost"
+    if kpis["unmet_kwh"] >= _MIN_MENTIONED_KWH:
+        lost += f" besides {_kwh(kpis['unmet_kwh'])} of demand above the power in service"
     if not run.gain_rule:
         return f"{lost}."
     said = f"{lost}{_against_rule(run)}"
@@ -65,7 +68,10 @@ def gain_sentence(run: Run) -> str:
     number = kpi("gain_eur").number
     more = "more" if gain > 0.0 else "less"
     earned = "as much as" if number(gain) == number(0.0) else f"{number(abs(gain))} EUR {more} than"
-    return f"{said}. Its net income is {number(kpis['net_eur'])} EUR, {earned} that of the best rule."
+    return (
+        f"{said}. Its net income is {number(kpis['net_eur'])} EUR, {earned} that of the best rule on the "
+        "same demand."
+    )
 
 
 def _against_rule(run: Run) -> str:
@@ -106,11 +112,17 @@ def _entries_eur(kpis: Mapping[str, float], names: Iterable[str]) -> list[str]:
 
 
 def _compared(runs: Mapping[str, Run]) -> Iterator[str]:
-    lost = {name: run.kpis["lost_kwh"] for name, run in runs.items()}
+    kpis = {name: run.kpis for name, run in runs.items()}
+    served = serving_most(kpis)
+    if len(served) < len(runs):
+        unmet = [f"{name} {_kwh(kpis[name]['unmet_kwh'])}" for name in kpis if name not in served]
+        yield f"More demand than in other scenarios is above the power in service: {', '.join(unmet)}."
+    lost = {name: row["lost_kwh"] for name, row in served.items()}
     best = min(lost, key=lambda name: lost[name])
     share_pct = 100.0 * lost[best] / max(runs[best].kpis["demand_kwh"], 1e-9)
     if len({kpi("lost_kwh").number(value) for value in lost.values()}) == 1:
-        yield f"Undelivered + losses: {_kwh(lost[best])} in every scenario."
+        others = "other " * (len(lost) < len(runs))
+        yield f"Undelivered + losses: {_kwh(lost[best])} in every {others}scenario."
     else:
         firsts = [name for name, value in lost.items() if _kwh(value) == _kwh(lost[best])]
         yield (
@@ -124,10 +136,10 @@ def _compared(runs: Mapping[str, Run]) -> Iterator[str]:
 
 
 def _alike(runs: Mapping[str, Run]) -> Iterator[str]:
-    """Runs with bit-identical delivered powers of the strings."""
+    """Runs in which the plant did the same, to the last bit."""
     groups: dict[bytes, list[str]] = {}
     for name, run in runs.items():
-        groups.setdefault(run.dataset["delivered_kw"].values.tobytes(), []).append(name)
+        groups.setdefault(operation_of(run.dataset), []).append(name)
     for names in groups.values():
         if len(names) > 1:
             yield f"{_listed(names)} are identical in every step."

@@ -106,7 +106,7 @@ class SweepTable:
     @property
     def has_front(self) -> bool:
         """Whether a number was swept: a handful of named scenarios is compared, but forms no front."""
-        return len(self.kpis) >= _MIN_POINTS and bool(self._swept)
+        return len(self._compared) >= _MIN_POINTS and bool(self._swept)
 
     def exhibits(self) -> Iterator[FigureSpec]:
         """Front of inverter and battery efficiency, and KPIs over the parameter if one number was swept."""
@@ -117,7 +117,7 @@ class SweepTable:
             "Pareto front",
             "Inverter against battery efficiency of all scenarios; the knee is the point farthest from the "
             "chord between the ends of the front.",
-            partial(kpi_figures.pareto_front, self.kpis, x=_X, y=_Y),
+            partial(kpi_figures.pareto_front, self._compared, x=_X, y=_Y),
         )
         for key, values in self._swept.items():
             if self.maximised is not None:
@@ -147,13 +147,22 @@ class SweepTable:
             return ""
         if self.maximised is not None:
             return self._search_sentence(self.maximised)
-        _, on_front, place = front_of(self.kpis, _X, _Y)
-        knee, row = list(self.kpis.items())[place]
-        return (
+        _, on_front, place = front_of(self._compared, _X, _Y)
+        knee, row = list(self._compared.items())[place]
+        number = int(on_front.sum())
+        text = (
             f"Knee of the front: {self._said(knee)}, with {kpi(_Y).quantity(row[_Y])} inverter and "
-            f"{kpi(_X).quantity(row[_X])} battery efficiency. {int(on_front.sum())} "
+            f"{kpi(_X).quantity(row[_X])} battery efficiency. {number} "
             f"of {on_front.size} scenarios lie on the front of these two."
         )
+        if number < kpi_figures.MIN_FRONT:
+            names = np.array(list(self._compared))[on_front]
+            text = (
+                f"The front of inverter and battery efficiency has no knee, because only {number} of "
+                f"{on_front.size} scenarios lie on it: {'; '.join(map(self._said, names))}."
+            )
+        left_out = len(self.kpis) - on_front.size
+        return f"{text} Not compared, because more demand is unmet: {left_out}." if left_out else text
 
     def _search_sentence(self, name: str) -> str:
         """Best parameter value of a search, and what is lost at both ends of its range."""
@@ -182,14 +191,18 @@ class SweepTable:
         """Heads of a table, and its rows: the reason to show a point, its parameters and KPIs."""
         if not self.has_front:
             return None
-        names = list(self.kpis)
-        reasons = {names[front_of(self.kpis, _X, _Y)[2]]: ["knee of the front"]}
+        names = list(self._compared)
+        _, on_front, knee = front_of(self._compared, _X, _Y)
+        has_knee = on_front.sum() >= kpi_figures.MIN_FRONT
+        reasons = {names[knee]: ["knee of the front"]} if has_knee else {}
         for key, reason in _ATTENTION.items():
-            values = {name: row.get(key, math.nan) for name, row in self.kpis.items()}
+            values = {name: row.get(key, math.nan) for name, row in self._compared.items()}
             known = {name: value for name, value in values.items() if math.isfinite(value)}
             if len({kpi(key).number(value) for value in known.values()}) > 1:
                 first = (max if better(key) == "max" else min)(known, key=lambda name: known[name])
                 reasons.setdefault(first, []).append(reason)
+        if not reasons:
+            return None
         shown = [key for key in DECISION if all(key in self.kpis[name] for name in reasons)]
         heads = [*(_short(key) for key in self.parameters[names[0]]), *(kpi(key).heading for key in shown)]
         rows = [
@@ -203,6 +216,10 @@ class SweepTable:
     def _said(self, name: str) -> str:
         """Parameters of a scenario as numbers."""
         return ", ".join(f"{_short(key)} {_number(value)}" for key, value in self.parameters[name].items())
+
+    @cached_property
+    def _compared(self) -> KpisByRun:
+        return kpi_figures.serving_most(self.kpis)
 
     @cached_property
     def _swept(self) -> dict[str, list[float]]:

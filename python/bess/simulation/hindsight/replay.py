@@ -17,7 +17,7 @@ from bess.dispatch import PerfectForecast
 from bess.errors import InputError
 from bess.plant import Plant
 from bess.simulation.analysis.kpis import kpis
-from bess.simulation.analysis.services import is_reserve
+from bess.simulation.analysis.services import is_reserve, is_site
 from bess.simulation.closed_loop import ClosedLoop
 from bess.simulation.inputs import Inputs, known_reactive
 from bess.simulation.installations import Installations
@@ -167,7 +167,7 @@ def gain_over_rules(replay: Replay, policy: str = "") -> dict[str, float | str]:
         ``gain_rule``: name of the best rule. ``gain_kwh``: its ``lost_kwh`` minus that of the run [kWh].
         ``gain_stored_kwh``: final stored energy of the run minus that of this rule [kWh]. ``gain_eur``: net
         income of the run minus the highest net income of a rule [EUR]; only with prices, and not for a
-        reserve, whose revenue depends on the SOC.
+        reserve or behind a meter, where the demand of a rule would depend on its own SOC.
     """
     record, rules, own = replay.record, replay.rules, kpis(replay.record)
     best = min(rules, key=lambda name: (rules[name]["lost_kwh"], name != policy))
@@ -176,7 +176,7 @@ def gain_over_rules(replay: Replay, policy: str = "") -> dict[str, float | str]:
         "gain_kwh": rules[best]["lost_kwh"] - own["lost_kwh"],
         "gain_stored_kwh": (rules[best][_DRAWN_KW] - _drawn_kw(record)) * replay.inputs.grid.dt_h,
     }
-    if "net_eur" in own and not is_reserve(record):
+    if "net_eur" in own and not (is_reserve(record) or is_site(record)):
         gain["gain_eur"] = own["net_eur"] - max(each["net_eur"] for each in rules.values())
     return gain
 
