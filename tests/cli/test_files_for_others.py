@@ -92,6 +92,8 @@ def test_a_study_from_init_runs_as_it_is_and_is_not_written_over(tmp_path: Path)
     assert (study.policy.name, study.run.days, study.demand.kind) == ("mpc", 2.0, "profile")
     with pytest.raises(bess.InputError, match="not overwritten"):
         run("init", str(tmp_path / "mine"))
+    with pytest.raises(bess.InputError, match="give the folder"):
+        run("init", str(tmp_path / "mine.toml"))
 
 
 def test_every_default_shown_in_a_comment_is_accepted_when_it_is_set(tmp_path: Path) -> None:

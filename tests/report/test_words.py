@@ -281,6 +281,27 @@ def test_hindsight_is_not_offered_where_hysteresis_heats_the_strings(tmp_path: P
     assert "--hindsight" not in summary({"run": run})[-1]
 
 
+def test_events_are_those_of_each_run_up_to_its_end_and_announced_where_a_plan_knew_them(
+    tmp_path: Path,
+) -> None:
+    runs = scenarios(tmp_path, mpc=0.0, soc=0.0, equal=0.0)
+    first = pd.Timestamp(runs["mpc"].dataset["time"].values[0], tz="UTC")
+
+    def event(hour: int, announced: bool = True) -> dict[str, object]:
+        start, end = ((first + pd.Timedelta(hours=at)).isoformat() for at in (hour, hour + 2))
+        return {"string": 0, "start": start, "end": end, "announced": announced}
+
+    runs["mpc"].study["event"] = [event(30), event(6), event(2)]
+    runs["soc"].study["event"] = [event(2)]
+    said = [sentence for sentence in summary(runs) if "String 0" in sentence]
+    times = [f"{first + pd.Timedelta(hours=hour):%Y-%m-%d %H:%M}" for hour in (2, 4, 6, 8)]
+    assert said == [
+        f"mpc: String 0 was out of service from {times[0]} to {times[1]} UTC, as announced.",
+        f"mpc: String 0 was out of service from {times[2]} to {times[3]} UTC, as announced.",
+        f"soc: String 0 was out of service from {times[0]} to {times[1]} UTC.",
+    ]
+
+
 def test_a_comparison_says_which_runs_were_planned_and_how_far(tmp_path: Path) -> None:
     planned(tmp_path / "set" / "day")
     planned(tmp_path / "set" / "short", foresight_h=6.0)

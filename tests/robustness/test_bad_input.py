@@ -143,7 +143,8 @@ BAD_SETTINGS = {
     "weather.file=empty.csv": "the file is empty",
     "policy.objectives.inverter=-1": "policy.objectives.inverter.weight = -1: must be in [0, 1e+06]",
     "event=[{string=7,start=2024-01-01T00:00:00Z,end=2024-01-02T00:00:00Z}]": "has strings 0 to 1",
-    "event=[{string=0,start=2030-01-01T00:00:00Z,end=2030-01-02T00:00:00Z}]": "is outside the run",
+    "event=[{string=0,start=2030-01-01T00:00:00Z,end=2030-01-02T00:00:00Z}]": "outside the run, 2024-01-01",
+    "event=[{string=0,start=2024-01-01T00:00:00Z,end=2024-01-02T00:00:00Z,limit_kw=500}]": "0 has 92 kW",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -108,19 +109,23 @@ def test_policies_know_announced_events_beforehand_and_others_from_their_begin_o
         seen.append(inputs.expected_limit_kw)
         return inputs.demand_kw[0] * inputs.limit_kw / inputs.limit_kw.sum()
 
-    event = [OUT.model_copy(update={"announced": True}).model_dump(), LIMITED.model_dump()]
+    # During an announced outage, a limit of the same string that was not announced is still expected to last.
+    also = OUT.model_copy(update={"start": OUT.start - timedelta(hours=2), "limit_kw": 20.0})
+    events = (OUT.model_copy(update={"announced": True}), LIMITED, also)
+    event = [each.model_dump() for each in events]
     study = expand(STUDY.with_values({**SHORT, "event": event, "policy.horizon_steps": 96}))["mpc"]
     data = bess.run(study, policy=watching, progress=False).dataset
     times = data["time"].values[0] + np.timedelta64(15, "m") * np.arange(data.sizes["time"] + 96)
     nominal_kw = bess.load_system("unequal-4").nominal_kw
     for step, limit_kw in enumerate(seen):
         ahead = times[step : step + 96]
-        out, limited = (
+        out, limited, low = (
             (ahead >= np.datetime64(event.start.replace(tzinfo=None)))
             & (ahead < np.datetime64(event.end.replace(tzinfo=None)))
-            for event in (OUT, LIMITED)
+            for event in events
         )
-        np.testing.assert_array_equal(limit_kw[OUT.string], np.where(out, 0.0, nominal_kw[OUT.string]))
+        expected_kw = also.limit_kw if low[0] else nominal_kw[OUT.string]
+        np.testing.assert_array_equal(limit_kw[OUT.string], np.where(out, 0.0, expected_kw))
         expected_kw = LIMITED.limit_kw if limited[0] else nominal_kw[LIMITED.string]
         np.testing.assert_array_equal(limit_kw[LIMITED.string], expected_kw)
 

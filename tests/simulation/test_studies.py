@@ -100,6 +100,7 @@ def test_a_key_of_a_table_in_a_list_is_set_by_its_index() -> None:
     event = {"string": 0, "start": datetime(2024, 1, 1, tzinfo=UTC), "end": datetime(2024, 1, 2, tzinfo=UTC)}
     study = bess.load_study("case1", {"event": [event]}).with_values({"event.0.limit_kw": 30.0})
     assert study.event[0].limit_kw == 30.0
+    assert study.with_values({"event[0].limit_kw": 20.0}).event[0].limit_kw == 20.0
     with pytest.raises(bess.InputError, match="'1' is no index of a list of 1 entries"):
         study.with_values({"event.1.limit_kw": 30.0})
 

@@ -48,6 +48,7 @@ def findings(study: Study) -> Iterator[str]:
             f"system: {inputs.system}",
             *inputs.notes,
             f"ambient: {inputs.ambient_c.min():g} to {inputs.ambient_c.max():g} degC",
+            *_events(each),
             _policy(each, inputs),
             f"time: about {_seconds(each, inputs):.2g} CPU s, an estimate without dispatch and files",
             *([_PAPER] if each.policy.name == "mpc" and each.policy.objectives.kind == "paper" else []),
@@ -57,6 +58,16 @@ def findings(study: Study) -> Iterator[str]:
             yield from (f"  {fact}" for fact in facts)
         seen = facts
     yield f"{study.name}: {len(runs)} run{'s' if len(runs) > 1 else ''}, no problems found"
+
+
+def _events(study: Study) -> Iterator[str]:
+    """Describe the events of the study, and say where an announcement has no effect."""
+    if study.event:
+        announced = sum(event.announced for event in study.event)
+        unused = ", which has no effect: only mpc plans ahead" * bool(
+            announced and study.policy.name != "mpc"
+        )
+        yield f"events: {len(study.event)}, of which {announced} announced{unused}"
 
 
 def _policy(study: Study, inputs: Inputs) -> str:

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bess.arrays import Array, real_numbers
+from bess.arrays import Array, Flags, real_numbers
 from bess.control.policies import NO_OPTIMISATION, Decision, Policy, PolicyInput, SolverReport
 from bess.control.policies.reactive import share_equally
 from bess.control.wear import WearPrices
@@ -20,7 +20,6 @@ from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import FLOWS, OPTIONAL_FLOWS
 from bess.simulation.record.store import Record
 from bess.study.demands.source import StepInputs
-from bess.study.events import expected_limits
 
 SKIPPED_STEPS = 12
 """Steps that a policy is first asked to skip; results do not depend on it."""
@@ -132,7 +131,7 @@ class ClosedLoop:
             price_eur_mwh=None if price is None else _ahead(price, step, inputs.horizon_steps),
             demand_depends_on_soc=inputs.demand.demand_depends_on_soc,
             reactive_kvar=asked_kvar,
-            limit_ahead_kw=self._limit_ahead_kw(limit_kw),
+            limit_ahead_kw=self._limit_ahead_kw(in_service),
         )
         began = time.perf_counter()
         decision = self._decide(policy_input, total_kw)
@@ -352,12 +351,12 @@ class ClosedLoop:
         )
         return np.asarray(discharged_kw - charged_kw)
 
-    def _limit_ahead_kw(self, limit_kw: Array) -> Array:
-        """Expected limits of the prediction horizon, ``(n_strings, horizon_steps)``."""
+    def _limit_ahead_kw(self, in_service: Flags) -> Array:
+        """Expected limits ``(n_strings, horizon_steps)``: what is not announced is expected to last."""
         inputs, step = self.inputs, self.step
         last = inputs.grid.n_steps - 1
-        ahead = np.minimum(np.arange(step, step + inputs.horizon_steps), last)
-        return expected_limits(limit_kw, inputs.announced_kw[ahead])
+        announced_kw = inputs.announced_kw[np.minimum(np.arange(step, step + inputs.horizon_steps), last)]
+        return np.minimum(announced_kw, np.where(in_service, inputs.unannounced_kw[step], 0.0)).T
 
     def _served(self, demand_kw: Array, total_kw: float) -> Array:
         """Demand and forecasts ``(..., n_steps)``, limited to the power of the plant; 0 below its minimum.

@@ -39,8 +39,8 @@ class Inputs(RunDemand):
         Ambient temperature [degC].
     limit_kw : ndarray, shape (n_steps, n_strings)
         Power of each inverter in service.
-    announced_kw : ndarray, shape (n_steps, n_strings)
-        The same with the announced events only.
+    announced_kw, unannounced_kw : ndarray, shape (n_steps, n_strings)
+        The same with the announced events only, and with the others only.
     installations : Installations
         Strings that are added, replaced or retired.
     files : list of Path
@@ -56,6 +56,7 @@ class Inputs(RunDemand):
     ambient_c: Array
     limit_kw: Array
     announced_kw: Array
+    unannounced_kw: Array
     installations: Installations
     files: list[Path]
     notes: list[str]
@@ -93,6 +94,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         ambient_c=ambient,
         limit_kw=limits_of(study.event, system, grid),
         announced_kw=limits_of((event for event in study.event if event.announced), system, grid),
+        unannounced_kw=limits_of((event for event in study.event if not event.announced), system, grid),
         installations=Installations(system, study, grid),
         files=files,
         notes=[f"period: {grid}", *setting.notes],

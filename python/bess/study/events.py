@@ -20,10 +20,17 @@ def check_events(events: Iterable[Event], system: System, grid: TimeGrid | None 
             raise InputError(
                 f"event[{number}].string = {event.string}: the system has strings 0 to {system.n_strings - 1}"
             )
+        nominal_kw = system.nominal_kw[event.string]
+        if event.limit_kw > nominal_kw:
+            raise InputError(
+                f"event[{number}].limit_kw = {event.limit_kw:g}: the inverter of string {event.string} has "
+                f"{nominal_kw:g} kW; give less"
+            )
         if grid and (seconds_of(event.end) <= grid.start_s or seconds_of(event.start) >= grid.end_s):
             raise InputError(
                 f"event[{number}]: {event.start:%Y-%m-%d %H:%M} to {event.end:%Y-%m-%d %H:%M} UTC "
-                "is outside the run"
+                f"is outside the run, {grid.start:%Y-%m-%d %H:%M} to {grid.end:%Y-%m-%d %H:%M}; change its "
+                "dates, or leave it out (all of them: --set event=[])"
             )
 
 
@@ -38,13 +45,3 @@ def limits_of(events: Iterable[Event], system: System, grid: TimeGrid) -> Array:
         steps = slice(max(0, int(np.floor(first))), max(0, int(np.ceil(last))))
         limit[steps, event.string] = np.minimum(limit[steps, event.string], event.limit_kw)
     return limit
-
-
-def expected_limits(limit_kw: Array, announced_kw: Array) -> Array:
-    """Limits of the next steps ``(n_strings, n_steps)``, from those of this step and of announced events.
-
-    A limit ``(n_strings,)`` below the announced one of this step, the first row of ``(n_steps, n_strings)``,
-    is expected to last.
-    """
-    unannounced_kw = np.where(limit_kw < announced_kw[0], limit_kw, np.inf)
-    return np.minimum(announced_kw, unannounced_kw).T

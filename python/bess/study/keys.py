@@ -1,6 +1,7 @@
 """Dotted keys of a study: their values and assignment, and names of bundled items."""
 
 import copy
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -28,10 +29,13 @@ def value_at(document: object, key: str) -> Any:
 
 
 def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:
-    """Return a copy of ``document`` in which the dotted ``key`` has ``value``; an index addresses a list."""
+    """Return a copy of ``document`` in which the dotted ``key`` has ``value``.
+
+    An index addresses an item of a list: ``event.0.string`` or ``event[0].string``.
+    """
     changed = copy.deepcopy(dict(document))
     node: Any = changed
-    *path, last = key.split(".")
+    *path, last = re.sub(r"\[(\d+)\]", r".\1", key).split(".")
     if len(path) > _MAX_DEPTH:
         raise InputError(f"{key[:80]}...: unknown key; no key has more than {_MAX_DEPTH} dots")
     for part in path:

@@ -280,6 +280,8 @@ STUDY: Final = "study.toml"
 def start(directory: Path) -> Path:
     """Write ``study.toml`` into a folder, created if necessary; return its path."""
     path = directory / STUDY
+    if directory.suffix == ".toml":
+        raise InputError(f"{directory}: give the folder in which {STUDY} is written, not a file")
     if path.exists():
         raise InputError(f"{path}: exists already and is not overwritten; specify another folder")
     try:

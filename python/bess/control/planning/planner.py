@@ -286,6 +286,9 @@ class Planner(Checkpointed):
             proven = float(np.fmax(proven, proven_bound(problem, loss_prices.min(axis=0))))
         if proven > plan.cost + ROUNDING * abs(plan.cost):
             proven = np.nan
+        if plan.search_bound is not None:
+            # An estimate below a proven bound is none.
+            searched = float(np.fmax(searched, proven))
         return Plan(
             plan.request_kw,
             plan.cost,

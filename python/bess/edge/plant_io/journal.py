@@ -272,7 +272,10 @@ def open_journal(directory: str | Path) -> xr.Dataset:
     days = [np.frombuffer(content[: len(content) // size * size], dtype=layout) for content in contents]
     records = np.concatenate([np.zeros(0, dtype=layout), *days])
     if not records.size:
-        raise InputError(f"{directory}: the journal is empty; run bess serve with --plant first")
+        raise InputError(
+            f"{directory}: the journal is empty; a record is written for each control step of "
+            "bess serve with --plant, from the first demand on"
+        )
     records = records[np.argsort(records["time_ms"], kind="stable")]
     records = records[np.append(np.diff(records["time_ms"]) > 0, True)]
     dims = ("time", "string")

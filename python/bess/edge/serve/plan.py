@@ -14,7 +14,7 @@ from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.control.policies import Policy, PolicyInput
 from bess.edge.serve.commitment import Curves
-from bess.study.events import expected_limits, limits_of
+from bess.study.events import limits_of
 from bess.study.grid import TimeGrid
 from bess.study.sections import Event
 from bess.system import State, System
@@ -208,7 +208,10 @@ class CarriedPlan(Checkpointed):
     def limit_ahead_kw(self, slot: int, limit_kw: Array, n_steps: int) -> Array:
         """Expected power of each string in the steps from ``slot`` on, ``(n_strings, n_steps)``."""
         grid = TimeGrid(round(slot * self.step_s), round(self.step_s), n_steps)
-        return expected_limits(limit_kw, limits_of(self._events, self._system, grid))
+        announced_kw = limits_of(self._events, self._system, grid)
+        # A limit that was not announced is expected to last.
+        unannounced_kw = np.where(limit_kw < announced_kw[0], limit_kw, np.inf)
+        return np.minimum(announced_kw, unannounced_kw).T
 
     def from_now(self, now_s: float) -> Array | None:
         """Set-points from the present step on, shape ``(n_strings, n_left)``; None without a plan."""

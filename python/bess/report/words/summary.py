@@ -45,10 +45,10 @@ def summary(runs: Mapping[str, Run], *, hindsight: bool = False) -> list[str]:
     """Sentences on the results; with ``hindsight``, the page shows it beside them."""
     first = next(iter(runs.values()))
     if len(runs) == 1:
-        said = [*_one_run(first), *event_sentences(first), *spread_sentences(runs), *_gap_sentence(first)]
+        said = [*_one_run(first), *event_sentences(runs), *spread_sentences(runs), *_gap_sentence(first)]
     else:
         judged = [*_alike(runs), *([] if unlike(runs) else _compared(runs))]
-        said = [*judged, *event_sentences(first), *spread_sentences(runs)]
+        said = [*judged, *event_sentences(runs), *spread_sentences(runs)]
     return [*said, *_plan_sentences(runs, hindsight=hindsight)]
 
 
@@ -257,13 +257,29 @@ _MIN_MENTIONED = 0.01
 _MAX_INSTALLATIONS = 6
 
 
-def event_sentences(run: Run) -> Iterator[str]:
-    """Which string was out of service or limited, and when."""
-    for event in run.study.get("event", ()):
-        start, end = (f"{datetime.fromisoformat(str(event[key])):%Y-%m-%d %H:%M}" for key in ("start", "end"))
-        announced = ", as announced" if event.get("announced") else ""
-        yield f"String {event['string']} was {limit_of(event)} from {start} to {end} UTC{announced}."
-    yield from _installations(run)
+def event_sentences(runs: Mapping[str, Run]) -> Iterator[str]:
+    """Which string was out of service or limited, when, and in which runs; new batteries of the first run."""
+    said: dict[str, list[str]] = {}
+    for name, run in runs.items():
+        for sentence in _events(run):
+            said.setdefault(sentence, []).append(name)
+    for sentence, names in said.items():
+        yield sentence if len(names) == len(runs) else f"{_listed(names)}: {sentence}"
+    yield from _installations(next(iter(runs.values())))
+
+
+def _events(run: Run) -> Iterator[str]:
+    """Events up to the end of the record, in order of their start."""
+    end_of_record = run.dataset["time"].values[-1].astype("datetime64[s]").item().replace(tzinfo=UTC)
+    each = [(*(datetime.fromisoformat(str(event[key])) for key in ("start", "end")), event)
+            for event in run.study.get("event", ())]  # fmt: skip
+    for start, end, event in sorted(each, key=lambda one: one[:2]):
+        if start <= end_of_record:
+            known = ", as announced" if event.get("announced") and run.policy == "mpc" else ""
+            yield (
+                f"String {event['string']} was {limit_of(event)} from {start:%Y-%m-%d %H:%M} to "
+                f"{end:%Y-%m-%d %H:%M} UTC{known}."
+            )
 
 
 def _installations(run: Run) -> Iterator[str]:

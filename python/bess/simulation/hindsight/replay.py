@@ -102,6 +102,7 @@ class Replay:
             ambient_c=record["ambient_c"].values,
             limit_kw=limit_kw,
             announced_kw=limit_kw,
+            unannounced_kw=np.broadcast_to(system.nominal_kw, limit_kw.shape),
             installations=Installations(system, study, grid),
             files=[],
             notes=[],
