@@ -1,13 +1,14 @@
 """Claims about when a plan over prices is made anew."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import bess
-from bess.dispatch import DynamicProgramDispatch, PerfectForecast, PersistenceForecast
-from bess.study.demands.planners import AwarePlanner, MarketPlan
+from bess.dispatch import Arbitrage, DynamicProgramDispatch, PerfectForecast, PersistenceForecast
+from bess.study.demands.planners import AwarePlanner, LinearPlanner, MarketPlan
 from bess.study.demands.source import StepInputs
 from bess.study.study import Study
 from bess.system.terms import SettlementTerms
@@ -53,11 +54,23 @@ def test_a_plan_is_kept_while_all_comes_as_it_counted_on() -> None:
     assert aware.is_due(LOOK_AHEAD // 6, as_planned(plan, LOOK_AHEAD // 6), plan)
 
 
-def test_an_inverter_that_fails_or_returns_makes_a_new_plan_at_once() -> None:
-    aware = planner()
-    plan = aware.plan(0, now(), 0.0, 0.0)
-    assert aware.is_due(1, now(limit_kw=(92.0, 0.0)), plan)
-    assert aware.is_due(1, now(), replace(plan, limit_kw=np.array([92.0, 0.0])))
+def linear() -> LinearPlanner:
+    return LinearPlanner(
+        Arbitrage(PerfectForecast(PRICES), np.arange(PRICES.size) // 96, power_kw=184.0, energy_kwh=500.0)
+    )
+
+
+@pytest.mark.parametrize("made", [planner, linear])
+def test_an_inverter_that_fails_or_returns_makes_a_new_plan_at_once(
+    made: Callable[[], AwarePlanner | LinearPlanner],
+) -> None:
+    dispatch = made()
+    plan = dispatch.plan(0, now(), 250.0, 0.0)
+    assert np.abs(plan.demand_kw).max() > 170.0
+    assert dispatch.is_due(1, now(limit_kw=(92.0, 0.0)), plan)
+    assert dispatch.is_due(1, now(), replace(plan, limit_kw=np.array([92.0, 0.0])))
+    rest = dispatch.plan(1, now(limit_kw=(92.0, 0.0)), 250.0, 0.0)
+    assert 80.0 < np.abs(rest.demand_kw).max() <= 92.0 + 1e-9
 
 
 @pytest.mark.parametrize("off", [{"soc": 0.1}, {"temperature_c": 5.0}])

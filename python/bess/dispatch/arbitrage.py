@@ -147,6 +147,7 @@ class Arbitrage:
         *,
         budget_price_eur_mwh: float = 0.0,
         remaining_kwh: float = np.inf,
+        available_kw: float = np.inf,
     ) -> Array:
         """Return the demand of maximum income over the look-ahead.
 
@@ -163,6 +164,8 @@ class Arbitrage:
             Additional price of each MWh discharged: the shadow price of a budget.
         remaining_kwh : float
             Maximum stored energy that the plan may discharge.
+        available_kw : float
+            Power of the inverters in service, assumed constant over the plan.
 
         Returns
         -------
@@ -200,6 +203,7 @@ class Arbitrage:
             discharged_today_kwh=discharged_today_kwh,
             budget_price_eur_mwh=budget_price_eur_mwh,
             remaining_kwh=remaining_kwh,
+            available_kw=available_kw,
         )
 
     def of_prices(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> Array:
@@ -208,7 +212,8 @@ class Arbitrage:
 
     def program(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> StoreProgram:
         """Return the program from ``step`` on, in per unit of ``power_kw``; cost has the :meth:`weight`."""
-        return self._program(price_eur_mwh, step, energy_kwh, Blocks.single(price_eur_mwh.size))
+        blocks, free = Blocks.single(price_eur_mwh.size), self._free_share(step, price_eur_mwh.size)
+        return self._program(price_eur_mwh, step, energy_kwh, blocks, free)
 
     def _choose_peak(
         self, connection: GridConnection, tariff: PeakTariff, step: int, price: Array, energy_kwh: float
@@ -228,15 +233,21 @@ class Arbitrage:
         connection.constrain(program, price, net_kw, month, self.power_kw, weight, share)
         connection.raise_peak(self.power_kw * float(program.solve().added[-1]))
 
-    def _solve(self, step: int, price: Array, energy_kwh: float, **limits: float) -> Array:
+    def _free_share(self, step: int, n_steps: int, available_kw: float = np.inf) -> Array:
+        """Power that is in service and not reserved, as a share of ``power_kw``."""
+        return np.minimum(self._free[step : step + n_steps], available_kw / self.power_kw)
+
+    def _solve(
+        self, step: int, price: Array, energy_kwh: float, available_kw: float = np.inf, **limits: float
+    ) -> Array:
         """Return the demand of an optimal schedule; ``limits`` are those of :meth:`_program`."""
         connection = self.connection
-        days, free = self.days[step : step + price.size], self._free[step : step + price.size]
+        days, free = self.days[step : step + price.size], self._free_share(step, price.size, available_kw)
         if connection is not None or np.ptp(free) > 0.0:  # load, generation, reserve change from step to step
             blocks = Blocks.single(price.size)
         else:
             blocks = Blocks.of(price, days, self.dt_h)
-        program = self._program(price, step, energy_kwh, blocks, **limits)
+        program = self._program(price, step, energy_kwh, blocks, free[blocks.first], **limits)
         if connection is not None:
             net_kw, tariff = connection.net_kw(step, price.size), connection.tariff
             month = days if tariff is None else tariff.month[step : step + price.size]
@@ -266,14 +277,18 @@ class Arbitrage:
         step: int,
         energy_kwh: float,
         blocks: Blocks,
+        free: Array,
         *,
         discharged_today_kwh: float = 0.0,
         budget_price_eur_mwh: float = 0.0,
         remaining_kwh: float = np.inf,
     ) -> StoreProgram:
-        """Return the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
+        """Return the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h.
+
+        ``free`` is the :meth:`_free_share` of each block.
+        """
         hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
-        days, free = self.days[step + blocks.first], self._free[step + blocks.first]
+        days = self.days[step + blocks.first]
         per_unit, price = hours * self.weight(price), price[blocks.first]
         program = StoreProgram(
             hours,

@@ -56,7 +56,8 @@ class LinearPlanner:
 
         Without ``now``, the same inverters as in the plan are in service.
         """
-        return self._arbitrage.is_due(step)
+        outage = now is not None and not np.array_equal(now.limit_kw, plan.limit_kw)
+        return outage or self._arbitrage.is_due(step)
 
     def plan(
         self, step: int, now: StepInputs, energy_kwh: float, discharged_kwh: float, **budget: float
@@ -66,7 +67,10 @@ class LinearPlanner:
         ``budget`` is that of :meth:`bess.dispatch.CycleBudget.for_plan`. The plan depends on the arguments
         only.
         """
-        demand_kw = self._arbitrage.plan(step, energy_kwh, discharged_kwh, **budget)
+        available_kw = float(now.limit_kw.sum())
+        demand_kw = self._arbitrage.plan(
+            step, energy_kwh, discharged_kwh, available_kw=available_kw, **budget
+        )
         none = np.zeros(0)
         return MarketPlan(demand_kw, demand_kw, np.nan, none, none, step, now.limit_kw, none)
 
