@@ -220,7 +220,9 @@ def power_split(result: Result) -> Chart:
             Panel("Requested (kW)", request or nothing, title=title),
             Panel("Loss (kW)", losses or nothing, title=title),
         ]
-    return Chart(time.label, panels, columns=2, panel_height_in=1.5, spans=event_spans(dataset, time))
+    # A single row needs room for the legend.
+    height_in = 1.5 if len(groups) > 1 else 2.4
+    return Chart(time.label, panels, columns=2, panel_height_in=height_in, spans=event_spans(dataset, time))
 
 
 def _stack(time: TimeAxis, strings: xr.Dataset, parts: Sequence[str], factor: Values) -> list[Series]:

@@ -279,15 +279,7 @@ impl<'a> DynamicProgram<'a> {
         for (b, block) in problem.blocks.iter().enumerate() {
             let left_kwh = (self.allowed_kwh[block.period] - cycled_kwh[block.period]).max(0.0);
             let share = &problem.share[b * self.levels..][..self.levels];
-            let here = &values[b * size..][..size];
             let later = &values[(b + 1) * size..][..size];
-            let dual = |s: usize| {
-                self.interpolate(&now, |state| {
-                    expectation(share, &here[state * columns..][..columns], s, shadows)
-                }) + budget_value(self.shadow_eur[s], left_kwh)
-            };
-            let duals: Vec<f64> = (0..shadows).map(dual).collect();
-            let s = (0..shadows).min_by(|&a, &b| duals[a].total_cmp(&duals[b])).unwrap_or(0);
             let mut best: Option<(f64, f64, f64, StoreState)> = None;
             for p in 0..self.store.grid.power_kw.len() {
                 let flows = self.transitions(b).between(&self.store.grid, &now, p);
@@ -298,13 +290,18 @@ impl<'a> DynamicProgram<'a> {
                 }
                 let mut end = settled.after;
                 end.temperature_c += self.ambient_shift_k(b);
-                let value = income_of(&settled.amounts, self.income(b, self.levels))
-                    - problem.wear_eur(now.depth, settled.drawn)
-                    + self.interpolate(&end, |state| {
+                // The least dual value after this power. At one shadow price for all of them, those with and without a cycle
+                // can be equal, and the choice arbitrary.
+                let mut dual = |s: usize| {
+                    let value = self.interpolate(&end, |state| {
                         self.expected_after(b, &later[state * columns..][..columns], &mut after);
                         expectation(share, &after, s, shadows)
-                    })
-                    - settled.cycled_kwh * self.shadow_eur[s];
+                    });
+                    value + budget_value(self.shadow_eur[s], left_kwh - settled.cycled_kwh)
+                };
+                let value = income_of(&settled.amounts, self.income(b, self.levels))
+                    - problem.wear_eur(now.depth, settled.drawn)
+                    + (0..shadows).map(&mut dual).fold(f64::INFINITY, f64::min);
                 if best.as_ref().is_none_or(|best| value > best.0) {
                     best = Some((value, flows.request_kw, settled.cycled_kwh, end));
                 }

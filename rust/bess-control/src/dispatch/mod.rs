@@ -2,9 +2,10 @@
 //! present discharge.
 //!
 //! `transitions` holds the response of the control model to each of several powers, `dynamic_program` the backward and the
-//! forward pass, and `bellman` its inner loop. The value of a state is the best income from there to the end of the horizon. Values after a block are expected over the price levels of the next one. Where
-//! cycles are limited, values are computed for several shadow prices of cycling; the dual value at a state is the least of
-//! them together with the value of the remaining cycles. Powers in kW, energies in kWh, money in EUR.
+//! forward pass, and `bellman` its inner loop. The value of a state is the best income from there to the end of the horizon.
+//! Values after a block are expected over the price levels of the next one. Where cycles are limited, values are computed for
+//! several shadow prices of cycling; the dual value at a state is the least of them together with the value of the remaining
+//! cycles. Powers in kW, energies in kWh, money in EUR.
 
 mod bellman;
 mod dynamic_program;
