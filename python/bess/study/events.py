@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from bess.study.sections import Event
 from bess.system import System
 
 
-def check_events(events: Iterable[Event], system: System, grid: TimeGrid | None = None) -> None:
+def check_events(events: Sequence[Event], system: System, grid: TimeGrid | None = None) -> None:
     """Raise InputError if an event names a string that the system does not have, or is outside the grid."""
     for number, event in enumerate(events):
         if event.string >= system.n_strings:
@@ -34,9 +34,14 @@ def check_events(events: Iterable[Event], system: System, grid: TimeGrid | None 
             )
 
 
-def limits_of(events: Iterable[Event], system: System, grid: TimeGrid) -> Array:
-    """Power of each inverter in service [kW], shape ``(n_steps, n_strings)``."""
-    limit = np.tile(system.nominal_kw, (grid.n_steps, 1))
+def limits_of(events: Sequence[Event], system: System, grid: TimeGrid) -> Array:
+    """Power of each inverter in service [kW], shape ``(n_steps, n_strings)``.
+
+    Without events it is a view of one row: a decade of a thousand strings would be 3 GB.
+    """
+    limit = np.broadcast_to(system.nominal_kw, (grid.n_steps, system.n_strings))
+    if events:
+        limit = limit.copy()
     for event in events:
         first, last = (
             (seconds_of(instant) - grid.start_s) / grid.step_s for instant in (event.start, event.end)
