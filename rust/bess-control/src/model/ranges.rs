@@ -1,6 +1,6 @@
 //! Ranges of the coefficients over boxes of states, taken from the tables' own knots.
 
-use bess_tables::{Direction, Resistance};
+use bess_tables::{Direction, Lut, Resistance};
 
 use crate::model::{StringModel, StringState};
 
@@ -119,9 +119,8 @@ impl StringModel {
     /// extremes of a piece, which is exact where `V` rises and `R` does not rise with SOC, and `V` does not
     /// depend on temperature.
     pub fn ranges(&self, direction: Direction, states: &StateBox) -> CoefficientRanges {
-        let factor = &self.parameters.derating.factor;
         let mut out = CoefficientRanges {
-            derating: states.temperature_c.places(factor.x()).map(|c| factor.at(c)).collect(),
+            derating: lut_range(&self.parameters.derating.factor, &states.temperature_c),
             voltage_v: Range::EMPTY,
             resistance_ohm: Range::EMPTY,
             power_scale_w: Range::EMPTY,
@@ -205,4 +204,10 @@ impl StringModel {
             measured @ Resistance::Measured { .. } => measured.control_at(direction, soc, temperature_c),
         }
     }
+}
+
+/// Range of a piecewise linear table over an interval of its argument; knots have the values of the table, without rounding.
+fn lut_range(lut: &Lut, x: &Range) -> Range {
+    let inside = lut.x().iter().zip(lut.y()).filter(|(knot, _)| **knot > x.low && **knot < x.high);
+    inside.map(|(_, value)| *value).chain([lut.at(x.low), lut.at(x.high)]).collect()
 }
