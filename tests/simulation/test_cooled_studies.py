@@ -57,5 +57,5 @@ def test_a_cooled_run_is_resumed_to_the_same_bits(
 
 
 def test_hindsight_says_that_it_does_not_know_thermostats(result: bess.Result) -> None:
-    with pytest.raises(bess.InputError, match=r"the plant of this run has a section \[cooling\]"):
+    with pytest.raises(bess.InputError, match=r"has \[cooling\] kind = 'hybrid'; .*ambient-air cooling only"):
         bess.hindsight(result)

@@ -137,7 +137,7 @@ RUST = [
     ("lagrangian: the demand is priced too high", f"{ONE_STEP}/lagrangian.rs", "bound: value + price * demand_w", "bound: value + 1.001 * price * demand_w"),
     ("curve: the scale is the dearest", f"{ONE_STEP}/cost_curve.rs", "(Scale::At(high), 0.0)\n        } else if middle < 0.0", "(Scale::At(low), 0.0)\n        } else if middle < 0.0"),
     ("curve: derating at its worst", f"{ONE_STEP}/cost_curve.rs", "(c_derating - price) / derating.high - c_derating;", "(c_derating - price) / derating.low.max(1e-3) - c_derating;"),
-    ("ranges: the box is not cut at its knots", "rust/bess-control/src/model/ranges.rs", "socs.extend(inside(ocv.x(), &states.soc));", ""),
+    ("ranges: the box is not cut at its knots", "rust/bess-control/src/model/ranges.rs", "socs.extend(states.soc.inside(ocv.x()));", ""),
     ("ranges: the scale is not that of the best corner", "rust/bess-control/src/model/ranges.rs", "out.power_scale_w.include(v.high * v.high / r.low);", "out.power_scale_w.include(v.low * v.low / r.low);"),
     ("reach: others can take less", f"{REACH}/reachable.rs", "let others = total - self.limit(m, t);", "let others = 0.5 * (total - self.limit(m, t));"),
     ("reach: the emptiest state was the fullest", f"{REACH}/cell.rs", "None => (states.soc.low + gained.low", "None => (states.soc.high + gained.low"),

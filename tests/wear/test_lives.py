@@ -109,7 +109,7 @@ def test_a_replaced_string_starts_anew_in_the_next_step_at_its_cost() -> None:
     paid = data["investment_eur"].values
     assert np.argwhere(paid).tolist() == [[end + 1, 0]]
     assert paid.sum() == pytest.approx(EUR_PER_LOSS[0] * (1.0 - 0.8))
-    said = list(event_sentences(cast(Run, SimpleNamespace(dataset=data, study={}))))
+    said = list(event_sentences({"": cast(Run, SimpleNamespace(dataset=data, study={}))}))
     assert len(said) == 1
     assert said[0].startswith(f"String 0 got a new battery on {str(data['time'].values[end + 1])[:10]} for ")
     capacity = data["soh_capacity"].values

@@ -30,7 +30,7 @@ def check_events(events: Sequence[Event], system: System, grid: TimeGrid | None 
             raise InputError(
                 f"event[{number}]: {event.start:%Y-%m-%d %H:%M} to {event.end:%Y-%m-%d %H:%M} UTC "
                 f"is outside the run, {grid.start:%Y-%m-%d %H:%M} to {grid.end:%Y-%m-%d %H:%M}; change its "
-                "dates, or leave it out (all of them: --set event=[])"
+                "dates, or leave it out (event = [] leaves out all of them)"
             )
 
 
