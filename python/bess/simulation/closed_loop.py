@@ -354,8 +354,7 @@ class ClosedLoop:
     def _limit_ahead_kw(self, in_service: Flags) -> Array:
         """Expected limits ``(n_strings, horizon_steps)``: what is not announced is expected to last."""
         inputs, step = self.inputs, self.step
-        last = inputs.grid.n_steps - 1
-        announced_kw = inputs.announced_kw[np.minimum(np.arange(step, step + inputs.horizon_steps), last)]
+        announced_kw = _ahead(inputs.announced_kw, step, inputs.horizon_steps)
         return np.minimum(announced_kw, np.where(in_service, inputs.unannounced_kw[step], 0.0)).T
 
     def _served(self, demand_kw: Array, total_kw: float) -> Array:
@@ -410,10 +409,10 @@ def _rounding_kw(total_kw: ArrayLike) -> Array:
 
 
 def _ahead(values: Array, step: int, n_steps: int) -> Array:
-    """Values from a step on; the last value is repeated after the end of the run."""
+    """Values or rows from a step on; the last one is repeated after the end of the run."""
     ahead = values[step : step + n_steps]
-    missing = n_steps - ahead.size
-    return np.concatenate([ahead, np.full(missing, ahead[-1])]) if missing else ahead
+    missing = n_steps - len(ahead)
+    return np.concatenate([ahead, np.repeat(ahead[-1:], missing, axis=0)]) if missing else ahead
 
 
 def _listed(values: Array) -> str:

@@ -8,6 +8,7 @@ from bess.arrays import Array, Flags
 from bess.checkpoints import Checkpointed
 from bess.errors import InputError
 from bess.plant import Plant
+from bess.study.events import check_string
 from bess.study.grid import TimeGrid, seconds_of
 from bess.study.study import Study
 from bess.system import System
@@ -48,11 +49,7 @@ class Installations(Checkpointed):
         self._dated: dict[int, dict[int, float]] = {}
         for name, tables in (("replacement", study.replacement), ("augmentation", study.augmentation)):
             for number, table in enumerate(tables):
-                if table.string >= system.n_strings:
-                    raise InputError(
-                        f"{name}[{number}].string = {table.string}: the system has strings 0 to "
-                        f"{system.n_strings - 1}"
-                    )
+                check_string(f"{name}[{number}]", table.string, system)
                 step = -((grid.start_s - seconds_of(table.date)) // grid.step_s)
                 if step <= 0:
                     raise InputError(

@@ -13,13 +13,16 @@ from bess.study.sections import Event
 from bess.system import System
 
 
+def check_string(key: str, string: int, system: System) -> None:
+    """Raise InputError if a table of a study, at ``key``, names a string that the system does not have."""
+    if string >= system.n_strings:
+        raise InputError(f"{key}.string = {string}: the system has strings 0 to {system.n_strings - 1}")
+
+
 def check_events(events: Sequence[Event], system: System, grid: TimeGrid | None = None) -> None:
     """Raise InputError if an event names a string that the system does not have, or is outside the grid."""
     for number, event in enumerate(events):
-        if event.string >= system.n_strings:
-            raise InputError(
-                f"event[{number}].string = {event.string}: the system has strings 0 to {system.n_strings - 1}"
-            )
+        check_string(f"event[{number}]", event.string, system)
         nominal_kw = system.nominal_kw[event.string]
         if event.limit_kw > nominal_kw:
             raise InputError(

@@ -245,29 +245,20 @@ def losses_compared(kpis: KpisByRun) -> Figure:
     return figure
 
 
-MIN_FRONT: Final = 3
+_MIN_FRONT: Final = 3
 """Minimum number of points of a front that has a knee."""
 
-_SAME_SERVICE: Final = 1e-3
-"""Difference of unmet demand, as a share of the demand, up to which runs are compared by what they lose."""
 
+def front_of(kpis: KpisByRun, x: str, y: str) -> tuple[Values, Values, int | None]:
+    """Scenarios as points ``(n, 2)`` of two KPIs, whether each is on the front, and the index of its knee.
 
-def serving_most(kpis: KpisByRun) -> KpisByRun:
-    """Runs that leave no more demand unmet than others: unmet demand is part of no loss."""
-    unmet = {name: row.get("unmet_kwh", 0.0) for name, row in kpis.items()}
-    least = min(unmet.values(), default=0.0)
-    return {
-        name: row
-        for name, row in kpis.items()
-        if unmet[name] <= least + _SAME_SERVICE * row.get("demand_kwh", 0.0)
-    }
-
-
-def front_of(kpis: KpisByRun, x: str, y: str) -> tuple[Values, Values, int]:
-    """Scenarios as points ``(n, 2)`` of two KPIs, whether each is on the front, and the index of the knee."""
+    A front of fewer than three points has no knee.
+    """
     points = np.array([[values[x], values[y]] for values in kpis.values()], dtype=float)
     directions = [better(x), better(y)]
-    return points, non_dominated(points, directions), knee_point(points, directions)
+    on_front = non_dominated(points, directions)
+    knee = knee_point(points, directions) if on_front.sum() >= _MIN_FRONT else None
+    return points, on_front, knee
 
 
 def pareto_front(
@@ -298,11 +289,12 @@ def pareto_front(
         Series(points[order, 0], points[order, 1], style.DISCHARGE, "front"),
         dots(order, style.DISCHARGE, "front", "dots"),
     ]
-    if order.size >= MIN_FRONT:
+    ends = {names[order[0]], names[order[-1]]}
+    if knee is not None:
         series.append(dots([knee], style.AVAILABILITY, f"knee: {names[knee]}", "star"))
+        ends.discard(names[knee])
     if not on_front.all():
         series.insert(0, dots(np.flatnonzero(~on_front), style.BACKGROUND, "dominated", "dots"))
-    ends = {names[order[0]], names[order[-1]]} - ({names[knee]} if order.size >= MIN_FRONT else set())
     notes = [(kpis[name][x], kpis[name][y], name) for name in sorted(ends)]
     return Chart(
         kpi(x).heading,

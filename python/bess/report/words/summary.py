@@ -12,11 +12,10 @@ import numpy as np
 from bess.control.policies.planned import PLANNED
 from bess.control.policies.settings import DEFAULT_FORESIGHT_H
 from bess.errors import by_reason
-from bess.report.charts.kpi_figures import serving_most
 from bess.report.contents import MAX_COMPARED_RUNS
 from bess.report.data import limit_of, operation_of, step_h
 from bess.report.runs import Run
-from bess.simulation.analysis.catalogue import kpi
+from bess.simulation.analysis.catalogue import kpi, serving_most
 from bess.simulation.analysis.services import unprovable
 from bess.simulation.analysis.settlement import COSTS, REVENUES
 from bess.simulation.record.provenance import leaves

@@ -18,7 +18,7 @@ from bess.errors import InputError
 from bess.report.charts import kpi_figures
 from bess.report.charts.kpi_figures import RADAR_KPIS, changing_kpis, front_of
 from bess.report.contents import FigureSpec
-from bess.simulation.analysis.catalogue import KpisByRun, better, grouped, kpi
+from bess.simulation.analysis.catalogue import KpisByRun, better, grouped, kpi, serving_most
 from bess.simulation.sweep import RESERVED, SWEEP_CSV, is_parameter
 
 DECISION: Final = (
@@ -147,19 +147,19 @@ class SweepTable:
             return ""
         if self.maximised is not None:
             return self._search_sentence(self.maximised)
-        _, on_front, place = front_of(self._compared, _X, _Y)
-        knee, row = list(self._compared.items())[place]
-        number = int(on_front.sum())
-        text = (
-            f"Knee of the front: {self._said(knee)}, with {kpi(_Y).quantity(row[_Y])} inverter and "
-            f"{kpi(_X).quantity(row[_X])} battery efficiency. {number} "
-            f"of {on_front.size} scenarios lie on the front of these two."
-        )
-        if number < kpi_figures.MIN_FRONT:
-            names = np.array(list(self._compared))[on_front]
+        _, on_front, knee = front_of(self._compared, _X, _Y)
+        names, number = np.array(list(self._compared)), int(on_front.sum())
+        if knee is None:
             text = (
                 f"The front of inverter and battery efficiency has no knee, because only {number} of "
-                f"{on_front.size} scenarios lie on it: {'; '.join(map(self._said, names))}."
+                f"{on_front.size} scenarios lie on it: {'; '.join(map(self._said, names[on_front]))}."
+            )
+        else:
+            row = self._compared[names[knee]]
+            text = (
+                f"Knee of the front: {self._said(names[knee])}, with {kpi(_Y).quantity(row[_Y])} inverter "
+                f"and {kpi(_X).quantity(row[_X])} battery efficiency. {number} "
+                f"of {on_front.size} scenarios lie on the front of these two."
             )
         left_out = len(self.kpis) - on_front.size
         return f"{text} Not compared, because more demand is unmet: {left_out}." if left_out else text
@@ -192,9 +192,8 @@ class SweepTable:
         if not self.has_front:
             return None
         names = list(self._compared)
-        _, on_front, knee = front_of(self._compared, _X, _Y)
-        has_knee = on_front.sum() >= kpi_figures.MIN_FRONT
-        reasons = {names[knee]: ["knee of the front"]} if has_knee else {}
+        _, _, knee = front_of(self._compared, _X, _Y)
+        reasons = {} if knee is None else {names[knee]: ["knee of the front"]}
         for key, reason in _ATTENTION.items():
             values = {name: row.get(key, math.nan) for name, row in self._compared.items()}
             known = {name: value for name, value in values.items() if math.isfinite(value)}
@@ -219,7 +218,7 @@ class SweepTable:
 
     @cached_property
     def _compared(self) -> KpisByRun:
-        return kpi_figures.serving_most(self.kpis)
+        return serving_most(self.kpis)
 
     @cached_property
     def _swept(self) -> dict[str, list[float]]:

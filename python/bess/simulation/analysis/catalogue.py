@@ -124,3 +124,18 @@ def grouped(names: Iterable[str]) -> dict[str, list[str]]:
         heading: [name for name in ordered if kpi(name).group == group] for group, heading in HEADINGS.items()
     }
     return {heading: members for heading, members in groups.items() if members}
+
+
+_SAME_SERVICE: Final = 1e-3
+"""Difference of unmet demand, as a share of the demand, up to which runs are compared by what they lose."""
+
+
+def serving_most(kpis: KpisByRun) -> KpisByRun:
+    """Return the runs that leave no more demand unmet than others: unmet demand is part of no loss."""
+    unmet = {name: row.get("unmet_kwh", 0.0) for name, row in kpis.items()}
+    least = min(unmet.values(), default=0.0)
+    return {
+        name: row
+        for name, row in kpis.items()
+        if unmet[name] <= least + _SAME_SERVICE * row.get("demand_kwh", 0.0)
+    }
