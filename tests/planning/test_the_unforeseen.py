@@ -95,13 +95,13 @@ def test_in_the_mean_of_random_outages_mpc_costs_a_fifth_less_and_delivers_more_
     """Which string fails is luck, so the claim is one of the mean: -34 % and -28 % over 24 other draws."""
     runs = [
         [bess.run(outages(name, **drawn(seed, forecast)), progress=False).kpis for name in ("mpc", "soc")]
-        for seed in range(8)
+        for seed in range(5)
     ]
     assert np.mean([cost_kwh(mpc) / cost_kwh(soc) for mpc, soc in runs]) < 0.8
     assert sum(mpc["delivered_kwh"] - soc["delivered_kwh"] for mpc, soc in runs) > 0.0
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_announced_outages_cost_less_than_under_every_rule_and_than_unannounced_ones(seed: int) -> None:
     given = drawn(seed, "perfect")
     announced = given | {"event": [event | {"announced": True} for event in given["event"]]}
