@@ -15,18 +15,12 @@ _MAX_BLOCK_H: Final = 1.0
 
 @dataclass(frozen=True)
 class Blocks:
-    """Consecutive steps of equal price on one day, at most one hour.
-
-    Attributes
-    ----------
-    first : ndarray of int, shape (n_blocks,)
-        First step of each.
-    count : ndarray of int, shape (n_blocks,)
-        Number of its steps.
-    """
+    """Consecutive steps of equal price on one day, at most one hour."""
 
     first: npt.NDArray[np.int64]
+    """``(n_blocks,)``: first step of each."""
     count: npt.NDArray[np.int64]
+    """``(n_blocks,)``: number of its steps."""
 
     @classmethod
     def of(

@@ -19,25 +19,17 @@ _HOLDING_SOC: Final = (0.2, 0.8)
 
 @dataclass(frozen=True)
 class CycleDepthCost:
-    """Wear cost of cycles by depth for the whole plant, with rates frozen at the state of a plan.
-
-    Attributes
-    ----------
-    by_energy_eur_kwh : float
-        Price of each kWh discharged (AC), at any depth.
-    capacity_kwh : float
-        Energy of a cycle of depth 1.
-    depth, cycle_eur : ndarray, shape (n_depths,)
-        Additional price of a cycle over its depth, from ``(0, 0)``; convex.
-    holding_eur_kwh_h : float
-        Price of holding a kWh for an hour: calendar wear that grows with SOC.
-    """
+    """Wear cost of cycles by depth for the whole plant, with rates frozen at the state of a plan."""
 
     by_energy_eur_kwh: float
+    """Price of each kWh discharged (AC), at any depth."""
     capacity_kwh: float
+    """Energy of a cycle of depth 1."""
     depth: Array
     cycle_eur: Array
+    """``(n_depths,)``: additional price of a cycle over its depth, from ``(0, 0)``; convex."""
     holding_eur_kwh_h: float
+    """Price of holding a kWh for an hour: calendar wear that grows with SOC."""
 
     @classmethod
     def of(cls, plant: Aggregate, wear: MarginalWear) -> Self:

@@ -78,26 +78,18 @@ class LinearProgram:
 
 @dataclass(frozen=True)
 class StoreSchedule:
-    """An optimal schedule; powers and energies in the unit of the program.
-
-    Attributes
-    ----------
-    cost : float
-        Optimal value of the objective.
-    charge, discharge, stored : ndarray, shape (n_steps,)
-        Power of either direction (AC), and stored energy at the end of each step.
-    added : ndarray
-        Values of the columns that were added.
-    duals : ndarray
-        Decrease of the cost per unit of each added row; empty with binaries.
-    """
+    """An optimal schedule; powers and energies in the unit of the program."""
 
     cost: float
+    """Optimal value of the objective."""
     charge: Array
     discharge: Array
     stored: Array
+    """``(n_steps,)``: power of either direction (AC), and stored energy at the end of each step."""
     added: Array
+    """Values of the columns that were added."""
     duals: Array
+    """Decrease of the cost per unit of each added row; empty with binaries."""
 
 
 class StoreProgram(LinearProgram):

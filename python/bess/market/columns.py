@@ -33,33 +33,22 @@ _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?")
 
 @dataclass(frozen=True)
 class Columns:
-    """Time stamps and named numeric columns of a file.
-
-    Attributes
-    ----------
-    times : pandas.DataFrame
-        Times by line (CSV) or row (Parquet), from 1; see :mod:`bess.market.times`.
-    names : list of str
-        Names of the numeric columns.
-    values : callable
-        Function from a name to its values, NaN where missing.
-    clock : str or None
-        Time zone named in the file.
-    typical : bool
-        The hours of a typical year.
-    last : str or None
-        The column in which the file ends.
-    ending : Ending
-        How it ends there.
-    """
+    """Time stamps and named numeric columns of a file."""
 
     times: pd.DataFrame
+    """Times by line (CSV) or row (Parquet), from 1; see :mod:`bess.market.times`."""
     names: list[str]
+    """Names of the numeric columns."""
     values: Callable[[str], pd.Series]
+    """Function from a name to its values, NaN where missing."""
     clock: str | None = None
+    """Time zone named in the file."""
     typical: bool = False
+    """The hours of a typical year."""
     last: str | None = None
+    """The column in which the file ends."""
     ending: Ending = Ending.CLEAN
+    """How it ends there."""
 
     def choose(self, wanted: str | None, what: str) -> str:
         """Return the column called `wanted`, or the only one; raise InputError, listing them, otherwise."""

@@ -32,21 +32,12 @@ _KPIS = "kpis.json"
 
 @dataclass(frozen=True)
 class Run:
-    """One run on disk; the record is read when it is first used.
-
-    Attributes
-    ----------
-    name : str
-        Name of the scenario, or of the study.
-    directory : Path
-        Folder of the run.
-    identity : dict
-        Version, study as resolved, system document, hashes of data files.
-    """
+    """One run on disk; the record is read when it is first used."""
 
     name: str
     directory: Path
     identity: dict[str, Any]
+    """Version, study as resolved, system document, hashes of data files."""
 
     @property
     def finished(self) -> bool:

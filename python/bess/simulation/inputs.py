@@ -27,40 +27,26 @@ ReactiveDemand = Callable[[int, Array], Array]
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs(RunDemand):
-    """A study with its data: the demand of the run, and further attributes.
-
-    Attributes
-    ----------
-    system : System
-        The plant's parameters.
-    horizon_steps : int
-        Prediction horizon of the policy [steps].
-    ambient_c : ndarray, shape (n_steps,)
-        Ambient temperature [degC].
-    limit_kw : ndarray, shape (n_steps, n_strings)
-        Power of each inverter in service.
-    announced_kw, unannounced_kw : ndarray, shape (n_steps, n_strings)
-        The same with the announced events only, and with the others only.
-    installations : Installations
-        Strings that are added, replaced or retired.
-    files : list of Path
-        Files of the study.
-    notes : list of str
-        Notes on these files, for display.
-    reactive : ReactiveDemand or None
-        Reactive power demand, if the study has one.
-    """
+    """A study with its data: the demand of the run, and further attributes."""
 
     system: System
     horizon_steps: int
+    """Prediction horizon of the policy [steps]."""
     ambient_c: Array
+    """``(n_steps,)``: ambient temperature [degC]."""
     limit_kw: Array
+    """``(n_steps, n_strings)``: power of each inverter in service."""
     announced_kw: Array
     unannounced_kw: Array
+    """``(n_steps, n_strings)``: the same with the announced events only, and with the others only."""
     installations: Installations
+    """Strings that are added, replaced or retired."""
     files: list[Path]
+    """Files of the study."""
     notes: list[str]
+    """Notes on these files, for display."""
     reactive: ReactiveDemand | None = None
+    """Reactive power demand, if the study has one."""
 
 
 def prepare(study: Study, system: System | None = None) -> Inputs:

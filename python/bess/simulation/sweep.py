@@ -34,24 +34,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a scenario.
-
-    Attributes
-    ----------
-    status : str
-        ``done`` (also by an earlier sweep), ``failed``, or ``open`` in the table of an interrupted sweep.
-    error : str
-        One sentence, if the scenario failed.
-    kpis : dict
-        KPIs, if the scenario is done.
-    skipped : bool
-        Whether an earlier sweep had finished the scenario.
-    """
+    """Outcome of a scenario."""
 
     status: Literal["done", "failed", "open"]
+    """``done`` (also by an earlier sweep), ``failed``, or ``open`` in the table of an interrupted sweep."""
     error: str = ""
+    """One sentence, if the scenario failed."""
     kpis: dict[str, float] = field(default_factory=dict)
+    """KPIs, if the scenario is done."""
     skipped: bool = False
+    """Whether an earlier sweep had finished the scenario."""
 
 
 def run_scenario(study: Study, directory: Path) -> Outcome:

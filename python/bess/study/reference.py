@@ -42,26 +42,17 @@ _UNITS: Final = {
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a file.
-
-    Attributes
-    ----------
-    section : str
-        Header of the key, such as ``[demand]`` or ``[[event]]``; with the kind of demand if it has one.
-    key : str
-        Dotted, from the root of the file.
-    type, unit, default, allowed : str
-        Texts of the page; empty if not applicable.
-    meaning : str
-        One sentence.
-    """
+    """One key of a file."""
 
     section: str
+    """Header of the key, such as ``[demand]`` or ``[[event]]``; with the kind of demand if it has one."""
     key: str
+    """Dotted, from the root of the file."""
     type: str
     unit: str
     default: str
     allowed: str
+    """Texts of the page; empty if not applicable."""
     meaning: str
 
 

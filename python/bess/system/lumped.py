@@ -25,20 +25,15 @@ _MIN_RATE_PER_S = 1e-9
 
 @dataclass(frozen=True)
 class Lumped:
-    """Lumped thermal model of each string, ``T_ref = follows * ambient + offset_c``.
-
-    Attributes
-    ----------
-    k1_k_per_j, k2_per_s, follows, offset_c, error_k : ndarray, shape (n_strings,)
-        Temperature rise per heat, cooling rate, reference temperature, and root mean square error per
-        control step [K].
-    """
+    """Lumped thermal model of each string, ``T_ref = follows * ambient + offset_c``."""
 
     k1_k_per_j: Array
     k2_per_s: Array
     follows: Array
     offset_c: Array
     error_k: Array
+    """``(n_strings,)``: temperature rise per heat, cooling rate, reference temperature, and root mean square
+    error per control step [K]."""
 
     def surroundings_c(self, ambient_c: Array) -> Array:
         """Return the reference temperature of cooling at ambient temperatures [degC], mean of strings."""

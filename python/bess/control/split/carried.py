@@ -21,21 +21,14 @@ the string."""
 
 @dataclass(frozen=True)
 class Carried:
-    """A schedule shifted by one step for the next call, with its expected limits and state.
-
-    Attributes
-    ----------
-    request_kw : ndarray, shape (n_strings, n_steps)
-    limit_kw : ndarray, shape (n_strings, n_steps), or None
-        Expected limits, shifted by one step; None for a schedule set by the user.
-    soc, temperature_c : ndarray, shape (n_strings,), or None
-        State after its first step; None for a schedule set by the user.
-    """
+    """A schedule shifted by one step for the next call, with its expected limits and state."""
 
     request_kw: Array
     limit_kw: Array | None = None
+    """``(n_strings, n_steps)``: expected limits, shifted by one step; None for a schedule set by the user."""
     soc: Array | None = None
     temperature_c: Array | None = None
+    """``(n_strings,)``: state after its first step; None for a schedule set by the user."""
 
     @classmethod
     def after(cls, problem: SplitProblem, request_kw: Array, rollout: Rollout) -> Carried:

@@ -66,18 +66,12 @@ Weighted = Annotated[
 
 
 class Costs(NamedTuple):
-    """Costs of the four losses [1/kW], each of shape ``(n_groups, n_strings, 4)``.
-
-    Attributes
-    ----------
-    reported : ndarray
-        Costs with the given weights, for reported values and bounds.
-    searched : ndarray
-        Costs of the search, with :data:`TIE_BREAK_WEIGHT` in place of zero weights.
-    """
+    """Costs of the four losses [1/kW], each of shape ``(n_groups, n_strings, 4)``."""
 
     reported: Array
+    """Costs with the given weights, for reported values and bounds."""
     searched: Array
+    """Costs of the search, with :data:`TIE_BREAK_WEIGHT` in place of zero weights."""
 
 
 class Objectives(Choice):

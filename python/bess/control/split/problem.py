@@ -19,30 +19,20 @@ MAX_HORIZON_STEPS = 96
 
 @dataclass(frozen=True)
 class SplitProblem:
-    """A plant in a measured state, and its demand over the horizon.
-
-    Attributes
-    ----------
-    system : System
-    state : State
-    demand_kw : ndarray, shape (n_steps,)
-        Demand within the limits of the strings, signed; 0 if below the minimum power of all in service.
-    unmet_kw : ndarray, shape (n_steps,)
-        Remaining demand, ``>= 0``.
-    ambient_c : ndarray, shape (n_steps,)
-    limit_kw : ndarray, shape (n_strings, n_steps)
-        Maximum request of each string.
-    dt_h : float
-        Length of a step [h].
-    """
+    """A plant in a measured state, and its demand over the horizon."""
 
     system: System
     state: State
     demand_kw: Array
+    """``(n_steps,)``: demand within the limits of the strings, signed; 0 if below the minimum power of all in
+    service."""
     unmet_kw: Array
+    """``(n_steps,)``: remaining demand, ``>= 0``."""
     ambient_c: Array
     limit_kw: Array
+    """``(n_strings, n_steps)``: maximum request of each string."""
     dt_h: float
+    """Length of a step [h]."""
 
     @classmethod
     def check(

@@ -25,32 +25,24 @@ LARGE: Final = 8
 
 
 class SplitSettings(Choice):
-    """Objectives and stopping criteria.
-
-    Attributes
-    ----------
-    objectives : Objectives
-        Weights, priorities, tolerances, normalisation.
-    gap : float
-        Relative gap at which a search stops.
-    node_limit : int or None
-        Maximum number of nodes of the branch and bound of each priority; the second part of the last branched
-        node may exceed it, and the root of the convexified program is solved in addition. More nodes raise
-        the rigorous bound and may find a better split. With 1, the root is solved if the rigorous gap exceeds
-        3 %; with a larger limit, nodes are solved while the rigorous gap exceeds ``gap``. By default, nodes
-        are solved if the rigorous gap exceeds 3 %: as many as make :data:`STEPS_OF_STRINGS` string-steps (300
-        for two strings and four steps, 75 for two strings and eight steps: for larger problems fewer, with
-        the square of the size), or as fit into ``time_limit_s`` if given. The policy ``mpc`` of a closed loop
-        uses 1 unless a limit is given.
-    time_limit_s : float or None
-        Maximum wall-clock time of a call; the incumbent is then returned and flagged. Results then depend on
-        the speed of the machine; ``node_limit`` limits the computing effort reproducibly.
-    """
+    """Objectives and stopping criteria."""
 
     objectives: Objectives = Objectives()
+    """Weights, priorities, tolerances, normalisation."""
     gap: Annotated[float, Field(strict=True), within(0.0, 1.0, above=True, below=True)] = 1e-3
+    """Relative gap at which a search stops."""
     node_limit: Annotated[int, Field(strict=True), within(1, 1_000_000_000)] | None = None
+    """Maximum number of nodes of the branch and bound of each priority; the second part of the last branched
+    node may exceed it, and the root of the convexified program is solved in addition. More nodes raise the
+    rigorous bound and may find a better split. With 1, the root is solved if the rigorous gap exceeds 3 %;
+    with a larger limit, nodes are solved while the rigorous gap exceeds ``gap``. By default, nodes are
+    solved if the rigorous gap exceeds 3 %: as many as make :data:`STEPS_OF_STRINGS` string-steps (300 for
+    two strings and four steps, 75 for two strings and eight steps: for larger problems fewer, with the
+    square of the size), or as fit into ``time_limit_s`` if given. The policy ``mpc`` of a closed loop uses
+    1 unless a limit is given."""
     time_limit_s: Annotated[float, Field(strict=True), within(0.0, 1e9, "s")] | None = None
+    """Maximum wall-clock time of a call; the incumbent is then returned and flagged. Results then depend on
+    the speed of the machine; ``node_limit`` limits the computing effort reproducibly."""
 
     def nodes(self, n_strings: int, n_steps: int) -> int:
         """Maximum number of nodes of each priority of a problem of this size."""

@@ -33,18 +33,12 @@ Branches = Callable[[], Sequence["Solved"]]
 
 @dataclass(frozen=True)
 class Solved:
-    """Solution of a node.
-
-    Attributes
-    ----------
-    bound : float
-        Lower bound of every point of the node; ``inf`` if certified infeasible, ``-inf`` without a bound.
-    branches : callable or None
-        Function that branches the node; None for a leaf.
-    """
+    """Solution of a node."""
 
     bound: float
+    """Lower bound of every point of the node; ``inf`` if certified infeasible, ``-inf`` without a bound."""
     branches: Branches | None = None
+    """Function that branches the node; None for a leaf."""
 
 
 @dataclass(frozen=True)

@@ -45,25 +45,18 @@ VARIATIONS: Final = (
 
 @dataclass(frozen=True)
 class TrainingCase:
-    """Inputs of a controller in each step of a study.
-
-    Attributes
-    ----------
-    dt_h : float
-        Control step [h].
-    ahead_kw : ndarray, shape (n_steps, steps_ahead)
-        Demand of each step and its forecast, at most the power of the inverters in service.
-    limit_kw : ndarray, shape (n_steps, n_strings)
-        Power of each inverter in service.
-    ambient_c : ndarray, shape (n_steps,)
-        Ambient temperature [degC].
-    """
+    """Inputs of a controller in each step of a study."""
 
     system: System
     dt_h: float
+    """Control step [h]."""
     ahead_kw: Array
+    """``(n_steps, steps_ahead)``: demand of each step and its forecast, at most the power of the inverters in
+    service."""
     limit_kw: Array
+    """``(n_steps, n_strings)``: power of each inverter in service."""
     ambient_c: Array
+    """``(n_steps,)``: ambient temperature [degC]."""
 
     @classmethod
     def of(cls, study: Study) -> TrainingCase:

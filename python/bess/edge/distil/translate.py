@@ -76,21 +76,14 @@ def _function(arguments: str, body: str) -> Function:
 
 @dataclass(frozen=True)
 class Language:
-    """Translation of the statements of the law to one language, by regular expressions.
-
-    Attributes
-    ----------
-    words : dict
-        Replacements within a statement, first to last.
-    statements : dict
-        Replacements of a whole statement, in which words are replaced already; the first that fits applies.
-    ends : dict
-        Ends of ``if``, ``while`` and ``for``.
-    """
+    """Translation of the statements of the law to one language, by regular expressions."""
 
     words: Mapping[str, str | Callable[[re.Match[str]], str]]
+    """Replacements within a statement, first to last."""
     statements: Mapping[str, str]
+    """Replacements of a whole statement, in which words are replaced already; the first that fits applies."""
     ends: Mapping[str, str]
+    """Ends of ``if``, ``while`` and ``for``."""
 
     def text(self, expression: str) -> str:
         """An expression in this language."""

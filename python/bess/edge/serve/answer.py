@@ -20,47 +20,31 @@ _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 
 @dataclass(frozen=True)
 class Answer:
-    """Set-points for one control step; powers kW, positive = discharge.
-
-    Attributes
-    ----------
-    request_kw : ndarray, shape (n_strings,)
-        Set-points; with ``flowing_kw`` and ``unmet_kw`` they sum to the demand.
-    plan_kw : ndarray, shape (n_strings, n_steps)
-        The set-points, then those of the plan for the next steps of the forecast.
-    status : str
-        Status sentence.
-    gap : float or None
-        Relative gap to a rigorous bound, if these are the set-points of a certified split or the first ones
-        of a plan with a bound; else None, as between two plans and for the fallback.
-    fallback : bool
-        Whether the demand was shared by stored energy, because the controller had no answer in time.
-    unmet_kw : float
-        Magnitude of the deviation of the set-points from the demand.
-    valid_for_s, solve_time_s : float
-        Validity of the set-points, and computing time.
-    running : ndarray of bool, shape (n_strings,)
-        Inverters that are on, including those at no load.
-    in_service : ndarray of bool, shape (n_strings,)
-        Strings available for set-points.
-    flowing_kw : ndarray, shape (n_strings,)
-        Known power of strings out of service; the set-points compensate it.
-    reasons : tuple of str
-        Reason for the set-point of each string, one sentence each.
-    """
+    """Set-points for one control step; powers kW, positive = discharge."""
 
     request_kw: Array
+    """``(n_strings,)``: set-points; with ``flowing_kw`` and ``unmet_kw`` they sum to the demand."""
     plan_kw: Array
+    """``(n_strings, n_steps)``: the set-points, then those of the plan for the next steps of the forecast."""
     status: str
     gap: float | None
+    """Relative gap to a rigorous bound, if these are the set-points of a certified split or the first ones of
+    a plan with a bound; else None, as between two plans and for the fallback."""
     fallback: bool
+    """Whether the demand was shared by stored energy, because the controller had no answer in time."""
     unmet_kw: float
+    """Magnitude of the deviation of the set-points from the demand."""
     valid_for_s: float
     solve_time_s: float
+    """Validity of the set-points, and computing time."""
     running: Flags
+    """``(n_strings,)``: inverters that are on, including those at no load."""
     in_service: Flags
+    """``(n_strings,)``: strings available for set-points."""
     flowing_kw: Array
+    """``(n_strings,)``: known power of strings out of service; the set-points compensate it."""
     reasons: tuple[str, ...]
+    """Reason for the set-point of each string, one sentence each."""
 
     def document(self) -> dict[str, Any]:
         """The JSON of ``POST /v1/split``."""

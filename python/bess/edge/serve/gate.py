@@ -109,20 +109,14 @@ class Names:
 
     With DNS rebinding, the owner of a foreign domain points it at this service, so that a browser treats the
     foreign page as "same origin". ``Host`` must therefore be a name of the service, or a numeric address.
-
-    Attributes
-    ----------
-    own : frozenset of str
-        Names permitted in ``Host``.
-    proxies : frozenset of Authority
-        Further authorities of the service's own pages, behind a proxy.
-    any_address : bool
-        Whether ``Host`` may be any numeric address, because the machine is reached from outside.
     """
 
     own: frozenset[str]
+    """Names permitted in ``Host``."""
     proxies: frozenset[Authority]
+    """Further authorities of the service's own pages, behind a proxy."""
     any_address: bool
+    """Whether ``Host`` may be any numeric address, because the machine is reached from outside."""
 
     @classmethod
     def of(cls, host: str, allowed: Iterable[str] = ()) -> Names:

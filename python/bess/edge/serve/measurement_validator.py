@@ -39,35 +39,24 @@ RECENT_SETPOINTS: Final = 6
 
 @dataclass(frozen=True)
 class ValidState:
-    """Validated state and limits of the strings.
-
-    Attributes
-    ----------
-    state : State
-        As measured, or as estimated if a reading is implausible.
-    soc_low, soc_high : ndarray
-        Range of the SOC if two values are possible; otherwise both equal the SOC of ``state``.
-    charge_kw, discharge_kw : ndarray
-        Maximum power by inverter, plant and validation, ``>= 0``; 0 for a string out of service.
-    in_service : ndarray
-        Strings that may run.
-    reasons : tuple of str
-        Why a string is out of service, limited or implausible; otherwise empty.
-    others : ndarray
-        Strings to which another controller writes.
-    flowing_kw : ndarray
-        Power of strings out of service, positive = discharge; 0 for strings in service.
-    """
+    """Validated state and limits of the strings."""
 
     state: State
+    """As measured, or as estimated if a reading is implausible."""
     soc_low: Array
     soc_high: Array
+    """Range of the SOC if two values are possible; otherwise both equal the SOC of ``state``."""
     charge_kw: Array
     discharge_kw: Array
+    """Maximum power by inverter, plant and validation, ``>= 0``; 0 for a string out of service."""
     in_service: Flags
+    """Strings that may run."""
     reasons: tuple[str, ...]
+    """Why a string is out of service, limited or implausible; otherwise empty."""
     others: Flags
+    """Strings to which another controller writes."""
     flowing_kw: Array
+    """Power of strings out of service, positive = discharge; 0 for strings in service."""
 
     @classmethod
     def without_doubt(cls, state: State, nominal_kw: Array) -> ValidState:

@@ -133,27 +133,18 @@ class Background(Generic[T]):
 
 @dataclass(frozen=True)
 class ActivePlan:
-    """A plan of the policy.
-
-    Attributes
-    ----------
-    slot : int
-        Number of its first step since the epoch of the controller's clock.
-    request_kw : ndarray, shape (n_strings, n_steps)
-        Set-points.
-    demand_kw : ndarray, shape (n_steps,)
-        Demand of the plan.
-    limit_kw : ndarray, shape (n_strings,)
-        Power of each string in service.
-    gap : float or None
-        Gap of its first step to a rigorous bound, if the policy has one.
-    """
+    """A plan of the policy."""
 
     slot: int
+    """Number of its first step since the epoch of the controller's clock."""
     request_kw: Array
+    """``(n_strings, n_steps)``: set-points."""
     demand_kw: Array
+    """``(n_steps,)``: demand of the plan."""
     limit_kw: Array
+    """``(n_strings,)``: power of each string in service."""
     gap: float | None
+    """Gap of its first step to a rigorous bound, if the policy has one."""
 
 
 class CarriedPlan(Checkpointed):

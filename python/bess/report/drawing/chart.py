@@ -23,34 +23,23 @@ Values = NDArray[Any]
 
 @dataclass(frozen=True)
 class Series:
-    """One line, step line, set of dots, or band.
-
-    Attributes
-    ----------
-    x, y : ndarray, shape (n,)
-        For ``step`` and ``band``, ``y[i]`` holds on ``[x[i], x[i + 1])``.
-    base : float or ndarray, shape (n,)
-        Lower edge of a ``band``; ``y`` is the upper one.
-    colour : str
-        Hexadecimal.
-    label : str
-        In the legend; series of one chart with equal labels share one entry. Empty: no entry.
-    kind : str
-        Type of drawing.
-    dashed : bool
-        Whether a line is broken.
-    names : tuple of str
-        Names of the points, shown as tooltips.
-    """
+    """One line, step line, set of dots, or band."""
 
     x: Values
     y: Values
+    """``(n,)``: for ``step`` and ``band``, ``y[i]`` holds on ``[x[i], x[i + 1])``."""
     colour: str
+    """Hexadecimal."""
     label: str = ""
+    """In the legend; series of one chart with equal labels share one entry. Empty: no entry."""
     kind: Literal["line", "step", "dots", "star", "band"] = "line"
+    """Type of drawing."""
     base: Values | float = 0.0
+    """``(n,)``: lower edge of a ``band``; ``y`` is the upper one."""
     dashed: bool = False
+    """Whether a line is broken."""
     names: tuple[str, ...] = ()
+    """Names of the points, shown as tooltips."""
 
 
 @dataclass(frozen=True)

@@ -41,36 +41,23 @@ HEADINGS: Final[dict[Group, str]] = {
 
 @dataclass(frozen=True)
 class Kpi:
-    """Description of one KPI.
-
-    Attributes
-    ----------
-    label : str
-        Name in tables and figures.
-    meaning : str
-        One sentence.
-    group : str
-        Group, which determines the heading.
-    unit : str
-        Unit of the value as shown; empty for counts and ratios.
-    better : {"min", "max"} or None
-        Preferred direction; None if there is none.
-    decimals : int or None
-        Decimal places; None selects scientific notation, such as ``1.2e-09``.
-    detail : bool
-        Whether only complete tables show it.
-    factor : float
-        Display factor, such as 100 for a ratio shown in per cent.
-    """
+    """Description of one KPI."""
 
     label: str
+    """Name in tables and figures."""
     meaning: str
     group: Group
+    """Group, which determines the heading."""
     unit: str = ""
+    """Unit of the value as shown; empty for counts and ratios."""
     better: Direction | None = None
+    """Preferred direction; None if there is none."""
     decimals: int | None = None
+    """Decimal places; None selects scientific notation, such as ``1.2e-09``."""
     detail: bool = False
+    """Whether only complete tables show it."""
     factor: float = 1.0
+    """Display factor, such as 100 for a ratio shown in per cent."""
 
     @property
     def heading(self) -> str:

@@ -17,31 +17,22 @@ LOSSES: Final = ("inverter", "battery", "hysteresis")
 
 @dataclass(frozen=True)
 class DirectionFlow:
-    """Energy of one direction [kWh], summed over all steps and strings with power in this direction.
-
-    Attributes
-    ----------
-    asked_kwh : float
-        Demand in this direction.
-    unmet_kwh, derating_kwh, availability_kwh : float
-        Unmet demand (above the power in service), derating loss and availability loss.
-    grid_kwh : float
-        Energy delivered at the AC side: the demand minus these three.
-    inverter_kwh, battery_kwh, hysteresis_kwh : float
-        Losses; the inverter loss without the standby losses drawn from the grid.
-    store_kwh : float
-        Change of the stored chemical energy, as a magnitude.
-    """
+    """Energy of one direction [kWh], summed over all steps and strings with power in this direction."""
 
     asked_kwh: float
+    """Demand in this direction."""
     unmet_kwh: float
     derating_kwh: float
     availability_kwh: float
+    """Unmet demand (above the power in service), derating loss and availability loss."""
     grid_kwh: float
+    """Energy delivered at the AC side: the demand minus these three."""
     inverter_kwh: float
     battery_kwh: float
     hysteresis_kwh: float
+    """Losses; the inverter loss without the standby losses drawn from the grid."""
     store_kwh: float
+    """Change of the stored chemical energy, as a magnitude."""
 
 
 @dataclass(frozen=True)

@@ -36,66 +36,46 @@ _LEVELS = {True: ((0.15, 0.3, 0.5, 0.75, 1.0), 9), False: ((0.2, 1.0), 3)}
 
 @dataclass(frozen=True)
 class RelaxedString:
-    """A string, or several identical strings; coefficients have a row for charge and one for discharge.
-
-    Attributes
-    ----------
-    nominal_kw, standby_kw : float
-        Nominal power, and loss of an inverter that is off.
-    reference_c : float
-        Reference of ``theta`` [degC]: resistance and derating are constant below it. ``theta`` is the mean
-        over the nodes of a string of their temperature excess over it.
-    edges : ndarray, shape (n_levels + 1,)
-        SOC at the edges of the levels.
-    ratio : ndarray, shape (2, n_levels)
-        Change of stored energy per chemical energy ``V I dt`` [kWh/kWh]: minimum in discharge, maximum in
-        charge.
-    ratio_against : ndarray, shape (2, n_levels)
-        The opposite limits of this ratio: maximum in discharge, minimum in charge.
-    root : ndarray, shape (2, n_levels)
-        Heat [kW] is at least ``(sum_l root_l x_l)^2 / G`` for chemical powers ``x_l`` [kW] and conductance
-        ``G``.
-    conductance : ndarray, shape (2, 2)
-        ``G <= first + second * theta`` for a string whose mean temperature exceeds the reference by
-        ``theta``.
-    loss : list of Lines
-        Lower bounds of the loss of an inverter that is on [kW]: lines over delivered power [kW].
-    max_loss : ndarray, shape (2, 2)
-        Intercept and slope of the upper bound of this loss.
-    max_heat : ndarray, shape (2, n_levels)
-        Upper bound of the heat, as a share of the chemical power.
-    derating : Lines
-        Upper bounds of the derating factor: lines over ``theta`` [K].
-    hottest_k : float
-        Maximum ``theta`` at which a string delivers power.
-    ages : bool
-        Whether capacity may fall, and with it the energy at a given SOC.
-    burnt_kw : (float, float)
-        Maximum charging power without stored energy, because the inverter loss exceeds it, and the maximum
-        heat of this power in the cells [kW].
-    voltage_v : (ndarray, ndarray)
-        SOC, and the maximum discharge voltage at each, which defines the stored energy.
-    capacity_ah : float
-        Capacity at the start.
-    """
+    """A string, or several identical strings; coefficients have a row for charge and one for discharge."""
 
     nominal_kw: float
     standby_kw: float
+    """Nominal power, and loss of an inverter that is off."""
     reference_c: float
+    """Reference of ``theta`` [degC]: resistance and derating are constant below it. ``theta`` is the mean
+    over the nodes of a string of their temperature excess over it."""
     edges: Array
+    """``(n_levels + 1,)``: SOC at the edges of the levels."""
     ratio: Array
+    """``(2, n_levels)``: change of stored energy per chemical energy ``V I dt`` [kWh/kWh]: minimum in
+    discharge, maximum in charge."""
     ratio_against: Array
+    """``(2, n_levels)``: the opposite limits of this ratio: maximum in discharge, minimum in charge."""
     root: Array
+    """``(2, n_levels)``: heat [kW] is at least ``(sum_l root_l x_l)^2 / G`` for chemical powers ``x_l`` [kW]
+    and conductance ``G``."""
     conductance: Array
+    """``(2, 2)``: ``G <= first + second * theta`` for a string whose mean temperature exceeds the reference
+    by ``theta``."""
     loss: list[Lines]
+    """Lower bounds of the loss of an inverter that is on [kW]: lines over delivered power [kW]."""
     max_loss: Array
+    """``(2, 2)``: intercept and slope of the upper bound of this loss."""
     max_heat: Array
+    """``(2, n_levels)``: upper bound of the heat, as a share of the chemical power."""
     derating: Lines
+    """Upper bounds of the derating factor: lines over ``theta`` [K]."""
     hottest_k: float
+    """Maximum ``theta`` at which a string delivers power."""
     ages: bool
+    """Whether capacity may fall, and with it the energy at a given SOC."""
     burnt_kw: tuple[float, float]
+    """Maximum charging power without stored energy, because the inverter loss exceeds it, and the maximum
+    heat of this power in the cells [kW]."""
     voltage_v: tuple[Array, Array]
+    """SOC, and the maximum discharge voltage at each, which defines the stored energy."""
     capacity_ah: float
+    """Capacity at the start."""
 
     @property
     def energy_kwh(self) -> Array:

@@ -53,20 +53,11 @@ _DRAWN_KW = "drawn_kw"
 
 @dataclass(frozen=True)
 class Replay:
-    """Inputs of a recorded run, for a replay.
-
-    Attributes
-    ----------
-    study : Study
-        Resolved study.
-    inputs : Inputs
-        System, steps and limits of the run, and its demand as a known series.
-    record : xarray.Dataset
-        Record of the run.
-    """
+    """Inputs of a recorded run, for a replay."""
 
     study: Study
     inputs: Inputs
+    """System, steps and limits of the run, and its demand as a known series."""
     record: xr.Dataset
 
     @classmethod

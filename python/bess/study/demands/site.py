@@ -187,27 +187,18 @@ class MeterSource(DemandSource):
 
 @dataclass(frozen=True)
 class Site:
-    """Load and generation behind the meter of a plant.
-
-    Attributes
-    ----------
-    grid : TimeGrid
-        Control steps of the run.
-    net_kw : ndarray
-        Load minus generation.
-    forecast : Forecast
-        Forecast of ``net_kw``.
-    tariff : PeakTariff or None
-        Price of the peak.
-    series : dict of ndarray, shape (n_steps,)
-        Recorded series, by variable name.
-    """
+    """Load and generation behind the meter of a plant."""
 
     grid: TimeGrid
+    """Control steps of the run."""
     net_kw: Array
+    """Load minus generation."""
     forecast: Forecast
+    """Forecast of ``net_kw``."""
     tariff: PeakTariff | None
+    """Price of the peak."""
     series: dict[str, Array]
+    """``(n_steps,)``: recorded series, by variable name."""
 
 
 def site_of(meter: MeterSection, setting: Setting, grid: TimeGrid | None = None) -> Site:

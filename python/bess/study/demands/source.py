@@ -50,55 +50,32 @@ class DemandSection(Section):
 
 @dataclass(frozen=True)
 class RunDemand:
-    """Demand of a run.
-
-    Attributes
-    ----------
-    grid : TimeGrid
-        Control steps of the run.
-    demand : DemandSource
-        Source of the demand, called once for each step.
-    price_eur_mwh : ndarray, shape (n_steps,), or None
-        Price of energy, if the study has one.
-    series : dict of ndarray, shape (n_steps,)
-        Other recorded series, by variable name.
-    """
+    """Demand of a run."""
 
     grid: TimeGrid
+    """Control steps of the run."""
     demand: DemandSource
+    """Source of the demand, called once for each step."""
     price_eur_mwh: Array | None = None
+    """``(n_steps,)``: price of energy, if the study has one."""
     series: Mapping[str, Array] = field(default_factory=dict)
+    """``(n_steps,)``: other recorded series, by variable name."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """The run that a demand is built for, and the files read for it.
-
-    Attributes
-    ----------
-    name : str
-        Name of the study.
-    run : RunSection
-        Start and length of the run, as far as the study sets them.
-    budget : BudgetSection
-        Annual budget.
-    terms : SettlementTerms
-        Settlement terms.
-    system : System
-        The plant.
-    files : list of Path
-        Files read so far.
-    notes : list of str
-        Notes on these files, for display.
-    """
+    """The run that a demand is built for, and the files read for it."""
 
     name: str
     run: RunSection
+    """Start and length of the run, as far as the study sets them."""
     budget: BudgetSection
     terms: SettlementTerms
     system: System
     files: list[Path] = field(default_factory=list)
+    """Files read so far."""
     notes: list[str] = field(default_factory=list)
+    """Notes on these files, for display."""
 
     @property
     def step_s(self) -> float:
@@ -183,24 +160,17 @@ def forecast_of(kind: str, values: Array, dt_h: float) -> Forecast:
 
 @dataclass(frozen=True)
 class StepInputs:
-    """Measurements and forecasts at the start of a step.
-
-    Attributes
-    ----------
-    state : State
-        Measured state of every string.
-    limit_kw : ndarray, shape (n_strings,)
-        Power of each inverter in service.
-    ambient_c : ndarray, shape (n_steps_left,)
-        Ambient temperature of this step and the remaining steps, as in a weather forecast.
-    delivered_kw : float
-        Mean power of the plant in the previous step, positive = discharge.
-    """
+    """Measurements and forecasts at the start of a step."""
 
     state: State
+    """Measured state of every string."""
     limit_kw: Array
+    """``(n_strings,)``: power of each inverter in service."""
     ambient_c: Array
+    """``(n_steps_left,)``: ambient temperature of this step and the remaining steps, as in a weather
+    forecast."""
     delivered_kw: float = 0.0
+    """Mean power of the plant in the previous step, positive = discharge."""
 
 
 class DemandSource(Checkpointed, ABC):

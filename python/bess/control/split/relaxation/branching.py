@@ -52,25 +52,17 @@ Place = tuple[str, int, int]
 
 @dataclass(frozen=True)
 class Cut:
-    """A branching of a node into two parts.
-
-    Attributes
-    ----------
-    kind : {"switch", "request", "full", "soc"}
-        ``"switch"``: inverter off or on. ``"request"``: request below or above a value [kW]. ``"full"``: no
-        availability loss, or full (empty) at the end of the step. ``"soc"``: SOC at the start of the step.
-    string, step : int
-    at : float
-        Request or SOC.
-    width : float
-        Relative width of the range.
-    """
+    """A branching of a node into two parts."""
 
     kind: Literal["switch", "request", "full", "soc"]
+    """``"switch"``: inverter off or on. ``"request"``: request below or above a value [kW]. ``"full"``: no
+    availability loss, or full (empty) at the end of the step. ``"soc"``: SOC at the start of the step."""
     string: int
     step: int
     at: float
+    """Request or SOC."""
     width: float
+    """Relative width of the range."""
 
     @property
     def place(self) -> Place:
@@ -87,20 +79,14 @@ class Cut:
 
 @dataclass(frozen=True)
 class NodePoint:
-    """Optimum of a node's relaxation; arrays ``(n_strings, n_steps)``.
-
-    Attributes
-    ----------
-    request_kw, soc : ndarray
-        Magnitudes, and SOC at the start of each step.
-    on, full : ndarray
-        Binaries.
-    """
+    """Optimum of a node's relaxation; arrays ``(n_strings, n_steps)``."""
 
     request_kw: Array
     soc: Array
+    """Magnitudes, and SOC at the start of each step."""
     on: Array
     full: Array
+    """Binaries."""
 
     @classmethod
     def middle(cls, node: _core.Node) -> NodePoint:

@@ -35,19 +35,13 @@ MAX_VALUE = 200.0
 
 @dataclass(frozen=True)
 class ConicSolution:
-    """Outcome of one node.
-
-    Attributes
-    ----------
-    bound : float
-        Lower bound of its optimum; ``inf`` if certified infeasible, ``-inf`` if the solver failed.
-    x, prices : ndarray or None
-        Optimum, and shadow prices of all rows.
-    """
+    """Outcome of one node."""
 
     bound: float
+    """Lower bound of its optimum; ``inf`` if certified infeasible, ``-inf`` if the solver failed."""
     x: Array | None = None
     prices: Array | None = None
+    """Optimum, and shadow prices of all rows."""
 
 
 @dataclass(frozen=True)
