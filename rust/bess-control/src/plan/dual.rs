@@ -76,16 +76,7 @@ impl Grid {
         let Range { low: coolest_c, high: warmest } = problem.temperatures_c(0..problem.n_strings());
         let factor = &p.derating.factor;
         let stop = factor.x().last().copied().filter(|&c| factor.at(c) < 1.0).unwrap_or(warmest + WARMING_K);
-        let top = stop.max(warmest + 1.0);
-        // One node where derating begins: interpolation across the kink there would count derating below it.
-        let kink = factor.x().iter().copied().take_while(|&c| factor.at(c) >= 1.0).last();
-        let temperature_step_k = (top - coolest_c) / (TEMPERATURE_NODES - 2) as f64;
-        let coolest_c = match kink {
-            Some(kink) if kink > coolest_c && kink < top => {
-                kink - temperature_step_k * ((kink - coolest_c) / temperature_step_k).ceil()
-            }
-            _ => coolest_c,
-        };
+        let temperature_step_k = (stop.max(warmest + 1.0) - coolest_c) / (TEMPERATURE_NODES - 1) as f64;
         let mut grid = Self {
             soc: SocNodes::of(string, cells),
             coolest_c,
