@@ -10,7 +10,7 @@ from bess import _core
 
 
 def test_stub_and_binary_agree(tmp_path: Path) -> None:
-    """In a package that holds nothing else: the rest of `bess` and all that it imports would be checked too."""
+    """In a package that holds nothing else: `bess` and all that it imports would be checked too."""
     binary = Path(str(_core.__file__))
     package = tmp_path / "bess"
     package.mkdir()

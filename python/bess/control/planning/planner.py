@@ -46,6 +46,8 @@ FORECAST_ERROR_BALANCING_PER_H = 0.1
 :class:`bess.control.planning.forecast_error.ForecastErrorTracker`)."""
 FORECAST_ERROR_DISCOUNT_TIME_H = 5.0
 """Time constant of the discount on later undelivered energy at a forecast error of 1 [h]."""
+GRID_ERROR = 1e-2
+"""Excess of the search bound over the cost of a plan, as a share of it, that is put down to its grid."""
 ROUNDING = 1e-9
 """Relative difference of a cost and its bound that is due to rounding."""
 MAX_STEPS = 48 * 60
@@ -81,7 +83,8 @@ class Plan(ByValue):
         steps (of strings that are planned one by one). NaN if not computed, or if it is above ``cost``, which
         the difference of the two forms can cause.
     search_bound : float
-        Dual bound on a grid, an estimate. NaN if not computed.
+        Dual bound on a grid, an estimate; the proven bound if that is higher or the plan refutes
+        the estimate. NaN if not computed.
     """
 
     request_kw: Array
@@ -101,8 +104,8 @@ class Plan(ByValue):
     def search_gap(self) -> float:
         """Optimality gap estimated with :attr:`search_bound`, as a share of the cost.
 
-        The grid can raise the search bound, seldom by more than 0.5 % of the cost (docs/foresight.md);
-        negative gaps are reported as 0.
+        The grid can raise the search bound above the cost: by up to 1 %, the gap is 0; by more, the bound is
+        refuted, and the proven one takes its place (docs/foresight.md).
         """
         return float(np.maximum(self._share_above(self.search_bound), 0.0))
 
@@ -287,7 +290,9 @@ class Planner(Checkpointed):
         if proven > plan.cost + ROUNDING * abs(plan.cost):
             proven = np.nan
         if plan.search_bound is not None:
-            # An estimate below a proven bound is none.
+            # The plan refutes an estimate above its cost, and an estimate below a proven bound is none.
+            if searched > plan.cost + GRID_ERROR * abs(plan.cost):
+                searched = proven
             searched = float(np.fmax(searched, proven))
         return Plan(
             plan.request_kw,
