@@ -198,7 +198,7 @@ def keyed(outcome: Outcome) -> dict[tuple[str, int], Any]:
 def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--days", type=float, default=7.0, help="simulated days of SimSES and the loop")
+    parser.add_argument("--days", type=float, default=7.0, help="simulated days (loops: 91 at least)")
     parser.add_argument("--states", type=int, default=5, help="seeded states of each split")
     parser.add_argument("--plans", type=int, default=5, help="plans of each dispatch")
     parser.add_argument("--prices", type=Path, default=PRICES, help="price file for the closed loop")

@@ -59,6 +59,11 @@ def rollouts_of(n_strings: int, given: int | None = None) -> int:
     return min(max(MIN_ROLLOUTS, ROLLOUTS_PER_STRING * n_strings), MAX_ROLLOUTS) if given is None else given
 
 
+def _unrefuted(bound: float, cost: float, error: float) -> float:
+    """The bound; NaN if it is above the cost of a schedule by more than this share of it."""
+    return np.nan if bound > cost + error * abs(cost) else bound
+
+
 @dataclass(frozen=True, eq=False)
 class Plan(ByValue):
     """A plan with its cost in the control model.
@@ -287,13 +292,9 @@ class Planner(Checkpointed):
         if plan.search_bound is not None and groups is None:
             # Its computing time grows with the number of strings, identical or not.
             proven = float(np.fmax(proven, proven_bound(problem, loss_prices.min(axis=0))))
-        if proven > plan.cost + ROUNDING * abs(plan.cost):
-            proven = np.nan
-        if plan.search_bound is not None:
-            # The plan refutes an estimate above its cost, and an estimate below a proven bound is none.
-            if searched > plan.cost + GRID_ERROR * abs(plan.cost):
-                searched = proven
-            searched = float(np.fmax(searched, proven))
+        proven = _unrefuted(proven, plan.cost, ROUNDING)
+        # An estimate below a proven bound is none.
+        searched = float(np.fmax(_unrefuted(searched, plan.cost, GRID_ERROR), proven))
         return Plan(
             plan.request_kw,
             plan.cost,
