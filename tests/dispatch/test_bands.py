@@ -199,3 +199,5 @@ def test_a_run_reads_bands_from_a_file(tmp_path: Path) -> None:
     assert np.abs(narrow.dataset["demand_kw"] - wide.dataset["demand_kw"]).max() > 10.0
     with pytest.raises(bess.InputError, match="forecast_prices needs forecast"):
         run(0.0, **{"demand.forecast": "persistence"})
+    with pytest.raises(bess.InputError, match=r"demand.forecast_prices .*foretold.csv: bands: .* ascend"):
+        run(-1.0, **{"demand.forecast": "bands"})

@@ -163,10 +163,10 @@ def test_initial_values_are_one_for_all_strings_or_one_for_each() -> None:
         ({"policy.horizon_steps": 0}, "policy.horizon_steps"),
         ({"system.initial_soc": [0.5, 0.5, 0.5]}, "system.initial_soc: 3 values for 2 strings"),
         ({"system.initial_soc": 1.2}, "system.initial_soc"),
-        ({"system.parameters.battery.r_scale": -1.0}, "battery.r_scale = -1"),
+        ({"system.parameters.battery.r_scale": -1.0}, "system.parameters: reference: battery.r_scale = -1"),
         ({"system.file": "referenz"}, "referenz"),
         ({"demand.scale": "two"}, "demand.scale"),
-        ({"demand.kind": ["fcr"]}, 'must be a table with kind = "profile" (and file), "arbitrage"'),
+        ({"demand.kind": "arbitrag"}, "kind = 'arbitrag' is unknown; allowed: 'profile', 'arbitrage'"),
         ({"demand": 3}, "demand = 3: must be a table"),
         (
             {"event": [{"string": 2, "start": "2024-01-01T00:00Z", "end": "2024-01-01T01:00Z"}]},

@@ -54,7 +54,8 @@ def build_system(
         document["wear"] = {**document.get("wear", {}), **chosen}
     if run.plant_step_s is not None:
         document["control"] = {**document.get("control", {}), "plant_step_s": run.plant_step_s}
-    return System(document, name=name)
+    with placed("system.parameters" if parameters else ""):
+        return System(document, name=name)
 
 
 def _document(file: str) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import tomllib
 import unicodedata
 from collections.abc import Mapping
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, Self
 
@@ -188,13 +189,17 @@ def _with_kind(document: Any) -> Any:
 
 def bundled_studies() -> dict[str, str]:
     """Return the names of the bundled studies with their titles."""
-    return {name: document.get("title", "") for name, document in _bundled().items()}
+    return {name: _parsed(file).get("title", "") for name, file in _bundled().items()}
 
 
-def _bundled() -> dict[str, dict[str, Any]]:
+def _bundled() -> dict[str, Traversable]:
+    """Files of the bundled studies by name."""
     entries = sorted(resources.files("bess.data.studies").iterdir(), key=lambda entry: entry.name)
-    files = [entry for entry in entries if entry.name.endswith(".toml")]
-    return {each.name.removesuffix(".toml"): tomllib.loads(each.read_text("utf-8")) for each in files}
+    return {each.name.removesuffix(".toml"): each for each in entries if each.name.endswith(".toml")}
+
+
+def _parsed(file: Traversable) -> dict[str, Any]:
+    return tomllib.loads(file.read_text("utf-8"))
 
 
 def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Study:
@@ -216,7 +221,7 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
         raise InputError(f"a study is a bundled name or a path, not {type(name).__name__}")
     path, bundled = Path(name), _bundled()
     if str(name) in bundled:
-        document = {"name": str(name), **bundled[str(name)]}
+        document = {"name": str(name), **_parsed(bundled[str(name)])}
     else:
         try:
             document = {"name": _name_from(path), **read_toml(path)}

@@ -31,6 +31,8 @@ _PLAIN_WORDS = {
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
     "invalid_key": "keys must be texts",
+    "union_tag_invalid": "kind = '{tag}' is unknown; allowed: {expected_tags}",
+    "union_tag_not_found": "must be a table",
 }
 
 

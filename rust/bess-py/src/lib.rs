@@ -1,7 +1,7 @@
 //! Python binding: conversion, release of the interpreter lock, error mapping; no numerics.
 //!
-//! `plant` and `ageing` bind `bess-plant`; `model`, `horizon`, `plan`, `dispatch` and `laws` bind `bess-control`. `arrays`
-//! converts.
+//! `plant` and `ageing` bind `bess-plant`; `model`, `horizon`, `node`, `plan`, `dispatch` and `laws` bind `bess-control`.
+//! `arrays` converts.
 
 #![allow(clippy::too_many_arguments)] // Arguments are those of Python.
 
@@ -13,6 +13,7 @@ mod dispatch;
 mod horizon;
 mod laws;
 mod model;
+mod node;
 mod plan;
 mod plant;
 
@@ -23,9 +24,10 @@ mod _core {
     use crate::{
         ageing::{ageing_models, rainflow, Ageing},
         dispatch::Store,
-        horizon::{ControlHorizon, GroupBounds, Incumbent, Node, SplitAnswer, StateBoxes, StepBounds},
+        horizon::{ControlHorizon, GroupBounds, Incumbent, SplitAnswer, StepBounds},
         laws::{water_fill, Explicit, Rule},
         model::{BestShares, ControlModel, FlowArrays, System, TrackedArrays},
+        node::{Node, StateBoxes},
         plan::{plan, Plan},
         plant::{cooling_kinds, Plant},
     };

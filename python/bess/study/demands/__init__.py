@@ -40,21 +40,10 @@ TRADES = tuple(kind for kind, section in DEMAND_KINDS.items() if section.trades)
 
 
 def kind_of_demand(demand: object) -> str | None:
-    """Return ``kind``, or the kind implied by the other keys."""
+    """Return ``kind``, or the kind implied by the other keys; None for what is no section."""
     if not isinstance(demand, Mapping):
         return getattr(demand, "kind", None)
-    kind = demand.get("kind", "arbitrage" if "prices" in demand else "profile")
-    return kind if isinstance(kind, str) and kind in DEMAND_KINDS else None
+    return str(demand.get("kind", "arbitrage" if "prices" in demand else "profile"))
 
 
-_PROFILE, _ARBITRAGE, *_OTHERS = (f'"{kind}"' for kind in DEMAND_KINDS)
-
-Demand = Annotated[
-    Kinds,
-    Discriminator(
-        kind_of_demand,
-        custom_error_type="kind",
-        custom_error_message=f"must be a table with kind = {_PROFILE} (and file), {_ARBITRAGE} (and prices), "
-        f"{', '.join(_OTHERS[:-1])} or {_OTHERS[-1]}",
-    ),
-]
+Demand = Annotated[Kinds, Discriminator(kind_of_demand)]

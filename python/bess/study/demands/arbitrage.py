@@ -26,7 +26,7 @@ from bess.dispatch import (
 from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.forecast import price_ends_of, steps_in
 from bess.dispatch.markets import AuctionForecast
-from bess.errors import InputError
+from bess.errors import InputError, placed
 from bess.files import Fill
 from bess.study.demands.planners import COMPARE_H, AwarePlanner, LinearPlanner, MarketPlan
 from bess.study.demands.site import MeterSection, site_of
@@ -250,7 +250,8 @@ class ArbitrageDemand(DemandSection):
         if self.forecast == "file":
             return ExternalForecast(price, forecast_of(self.zone), price_ends=ends)
         bands = np.stack([forecast_of(zone) for zone in QUANTILE_COLUMNS])
-        return BandForecast(price, grid.dt_h, bands, price_ends=ends)
+        with placed(f"demand.forecast_prices {file}"):
+            return BandForecast(price, grid.dt_h, bands, price_ends=ends)
 
     def _planner(
         self,
