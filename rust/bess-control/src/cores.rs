@@ -1,4 +1,7 @@
 //! Independent work on all cores. Results are in the order of the items, so that they are the same for any number of threads.
+//!
+//! Threads live as long as a call. A pool of them, as rayon has, would not survive the fork by which Python's
+//! multiprocessing starts workers.
 
 use std::cell::Cell;
 use std::sync::{Mutex, OnceLock};

@@ -16,7 +16,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from bess.report.drawing.style import BACKGROUND, BACKGROUND_ALPHA, INK, SOFT_INK, new_figure, styled
+from bess.report.drawing.style import (
+    BACKGROUND,
+    BACKGROUND_ALPHA,
+    EVENT,
+    EVENT_ALPHA,
+    INK,
+    SOFT_INK,
+    new_figure,
+    styled,
+)
 
 Values = NDArray[Any]
 
@@ -102,7 +111,7 @@ def draw(chart: Chart) -> Figure:
         _panel(place, panel)
         label = spans_label(chart) if panel is chart.panels[-1] else None  # the last entry of the legend
         for span in chart.spans:
-            place.axvspan(span.start, span.end, color=INK, alpha=0.07, linewidth=0, label=label)
+            place.axvspan(span.start, span.end, color=EVENT, alpha=EVENT_ALPHA, linewidth=0, label=label)
     for unused in axes.ravel()[len(chart.panels) :]:
         unused.remove()
     for column in range(chart.columns):

@@ -30,7 +30,7 @@ from bokeh.plotting import figure
 from bokeh.themes import Theme
 
 from bess.report.drawing.chart import Chart, Panel, Series, Values, background_reach, spans_label
-from bess.report.drawing.style import BACKGROUND_ALPHA, GRID, INK, SOFT_INK
+from bess.report.drawing.style import BACKGROUND_ALPHA, EVENT, EVENT_ALPHA, GRID, INK, SOFT_INK
 
 _ALONE_PX = 300
 _PANEL_PX = 190
@@ -84,7 +84,7 @@ def legend(chart: Chart) -> list[LegendEntry]:
                 kind = "dashed" if series.dashed else series.kind
                 entries.setdefault(series.label, LegendEntry(series.label, series.colour, kind))
     if chart.spans:
-        entries["events"] = LegendEntry(spans_label(chart), INK, "event")
+        entries["events"] = LegendEntry(spans_label(chart), EVENT, "event")
     return list(entries.values())
 
 
@@ -136,7 +136,7 @@ def _plot(panel: Panel, x_range: Any, height: int, chart: Chart, x_label: str | 
     for span in chart.spans:
         left, right = _numbers(np.array([span.start, span.end])).tolist()
         event = {"left": left, "right": right, "name": spans_label(chart)}
-        plot.add_layout(BoxAnnotation(fill_color=INK, fill_alpha=0.07, **event))
+        plot.add_layout(BoxAnnotation(fill_color=EVENT, fill_alpha=EVENT_ALPHA, **event))
     sources: dict[bytes, ColumnDataSource] = {}
     if panel.background is not None:
         reach = background_reach(panel.background)

@@ -18,7 +18,7 @@ SINGLE_COLUMN_IN: Final = 3.5
 _NOTEBOOK_DPI: Final = 110
 DOUBLE_COLUMN_IN: Final = 7.2
 
-# Okabe and Ito's palette, without yellow, which is too pale for lines on white.
+# Okabe and Ito's palette; its yellow is too pale for lines on white and shades events.
 PALETTE: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 CHARGE: Final = "#56B4E9"
 DISCHARGE: Final = "#0072B2"
@@ -40,6 +40,8 @@ LOSSES: Final = {
 }
 """Colours of undelivered energy and losses, by names without unit, in the order of a stack."""
 BACKGROUND_ALPHA: Final = 0.28
+EVENT: Final = "#F0E442"
+EVENT_ALPHA: Final = 0.35
 INK: Final = "#222222"
 SOFT_INK: Final = "#6A6A6A"
 GRID: Final = "#E3E3E3"
