@@ -9,7 +9,7 @@ use bess_tables::Direction;
 use crate::cores;
 use crate::model::{Losses, Range, StringModel, StringState};
 use crate::plan::look_ahead::{look_ahead, CostToGo, Group};
-use crate::plan::problem::{kinds, PlanProblem};
+use crate::plan::problem::{kinds, PlanProblem, Point};
 use crate::plan::soc_nodes::SocNodes;
 
 /// SOC change of a step at full power [nodes].
@@ -334,20 +334,20 @@ impl<'a> StringValues<'a> {
     /// Optimal requests of a string at these prices [W].
     fn best_path(&self, group: usize, price: &[f64]) -> Vec<f64> {
         let (problem, m) = (self.problem, self.groups[group].first);
-        let (mut state, mut running) = (problem.start[m], problem.running[m]);
+        let mut from = Point { state: problem.start[m], cost: 0.0, running: problem.running[m] };
         let step = |t: usize| {
             let cap_w = problem.demand_w[t].min(problem.limit_w(m, t));
-            let mut best = (f64::INFINITY, 0.0, state);
+            let mut best = (f64::INFINITY, 0.0, from);
             for k in 0..=if cap_w > 0.0 { CHOICES } else { 0 } {
                 let request_w = cap_w * k as f64 / CHOICES as f64;
-                let (cost, end) = problem.step(m, t, state, request_w, running);
+                let next = problem.step(m, t, &from, request_w);
                 let earned = price[t] * request_w * problem.intervals[t].dt_h;
-                let value = cost - earned + self.at(group, t + 1, end, k > 0);
+                let value = next.cost - earned + self.at(group, t + 1, next.state, next.running);
                 if value < best.0 {
-                    best = (value, request_w, end);
+                    best = (value, request_w, next);
                 }
             }
-            (state, running) = (best.2, best.1 > 0.0);
+            from = Point { cost: 0.0, ..best.2 };
             best.1
         };
         (0..problem.n_steps()).map(step).collect()

@@ -5,8 +5,8 @@ use bess_tables::{Direction, InputError, System};
 use crate::cores;
 use crate::error::check_length;
 use crate::model::{ControlModel, StringState};
-use crate::plan::paths::{Paths, Point};
-use crate::plan::problem::{PlanProblem, Prices};
+use crate::plan::paths::Paths;
+use crate::plan::problem::{PlanProblem, Point, Prices};
 use crate::plan::starts::{deliverable_w, ROUNDING_SHARE};
 use crate::rules::water_fill;
 

@@ -1,8 +1,8 @@
 //! One-step look-ahead: the power of a step is allocated at minimum cost of the step plus cost to go.
 
 use crate::model::StringState;
-use crate::plan::paths::{Paths, Point};
-use crate::plan::problem::PlanProblem;
+use crate::plan::paths::Paths;
+use crate::plan::problem::{PlanProblem, Point};
 use crate::plan::starts::fill_up;
 
 /// Power units per limit of the largest inverter.
@@ -67,9 +67,8 @@ fn share_step<V: CostToGo>(
         let most = ((limit_w[m] / unit_w * (1.0 + 1e-9)) as usize).min(units);
         (0..=most)
             .map(|k| {
-                let Point { state, running, .. } = points[m];
-                let (cost, state) = problem.step(m, t, state, power_w(m, k), running);
-                (cost, values.end(group, m, state, k > 0, hours))
+                let next = problem.step(m, t, &Point { cost: 0.0, ..points[m] }, power_w(m, k));
+                (next.cost, values.end(group, m, next.state, next.running, hours))
             })
             .collect()
     };

@@ -67,15 +67,15 @@ impl Pair {
         to_come: f64,
         most: f64,
     ) -> f64 {
-        let Self { first, second } = *self;
+        let (Self { first, second }, problem) = (*self, paths.problem);
         let before = self.cost(paths);
         let (mut a, mut b) = (*paths.at(first, from), *paths.at(second, from));
-        let (end, n_steps) = (from + change.len(), paths.problem.n_steps());
+        let (end, n_steps) = (from + change.len(), problem.n_steps());
         let mut t = from;
         loop {
             let (u, v) =
                 if t < end { change[t - from] } else { (paths.request(first, t), paths.request(second, t)) };
-            (a, b) = (paths.next(first, t, &a, u), paths.next(second, t, &b, v));
+            (a, b) = (problem.step(first, t, &a, u), problem.step(second, t, &b, v));
             t += 1;
             let more =
                 slopes.0.change(t, paths.at(first, t), &a) + slopes.1.change(t, paths.at(second, t), &b);

@@ -7,7 +7,7 @@
 use crate::cores;
 use crate::model::{Range, StringState};
 use crate::plan::look_ahead::{CostToGo, Group};
-use crate::plan::problem::{kinds, PlanProblem};
+use crate::plan::problem::{kinds, PlanProblem, Point};
 use crate::rules::water_fill;
 
 /// Number of SOC nodes. A plan for seven days of two reference strings costs 1.5 % more with 25, and the same with 41.
@@ -226,8 +226,9 @@ fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
                 let power_w = high_w - (high_w - low_w) * (shares - k) as f64 / shares.max(1) as f64;
                 let fill = |moves: &mut Moves, m: usize, grid: &Grid, power_w: f64| {
                     moves.extend((0..grid.len()).map(|node| {
-                        let (cost, end) = problem.step(m, t, grid.state(node), power_w, true);
-                        (cost as f32, grid.corners(end))
+                        let from = Point { state: grid.state(node), cost: 0.0, running: true };
+                        let next = problem.step(m, t, &from, power_w);
+                        (next.cost as f32, grid.corners(next.state))
                     }));
                 };
                 fill(&mut moves_a, group.first, &first, power_w);

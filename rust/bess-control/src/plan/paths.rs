@@ -2,19 +2,11 @@
 //! only for the strings that it touches; and the co-states along it, the marginal cost of charge and temperature.
 
 use crate::model::StringState;
-use crate::plan::problem::PlanProblem;
+use crate::plan::problem::{PlanProblem, Point};
 
 /// Steps of the difference quotients.
 const SOC_SHIFT: f64 = 1e-3;
 const TEMPERATURE_SHIFT_K: f64 = 0.1;
-
-/// A string at the start of a step: state, accumulated cost, inverter state.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Point {
-    pub state: StringState,
-    pub cost: f64,
-    pub running: bool,
-}
 
 #[derive(Debug, Clone, Default)]
 struct Path {
@@ -125,21 +117,11 @@ impl<'a> Paths<'a> {
         self.strings.iter().map(|string| string.total).sum()
     }
 
-    /// One step of a string from any point.
-    #[inline]
-    pub fn next(&self, m: usize, t: usize, point: &Point, request_w: f64) -> Point {
-        let (cost, state) = self.problem.step(m, t, point.state, request_w, point.running);
-        Point { state, cost: point.cost + cost, running: request_w > 0.0 }
-    }
-
     /// One step of a string from its present path, by the request: what depends on the state alone is computed once.
     pub fn choices(&self, m: usize, t: usize) -> impl Fn(f64) -> Point + '_ {
         let here = *self.at(m, t);
         let c = self.problem.coefficients(m, t, here.state);
-        move |request_w| {
-            let (cost, state) = self.problem.step_from(|| c, (m, t), here.state, request_w, here.running);
-            Point { state, cost: here.cost + cost, running: request_w > 0.0 }
-        }
+        move |request_w| self.problem.step_from(|| c, (m, t), &here, request_w)
     }
 
     pub fn roll(&mut self, m: usize, from: usize) {
@@ -152,7 +134,7 @@ impl<'a> Paths<'a> {
 
     #[inline]
     fn advance(&mut self, m: usize, t: usize) {
-        let after = self.next(m, t, self.at(m, t), self.request(m, t));
+        let after = self.problem.step(m, t, self.at(m, t), self.request(m, t));
         self.strings[m].points[t + 1] = after;
     }
 
@@ -194,7 +176,7 @@ impl CoStates {
             let (here, next) = (*paths.at(m, t), *paths.at(m, t + 1));
             let request_w = paths.request(m, t);
             let change = |state: StringState| {
-                let shifted = paths.next(m, t, &Point { state, ..here }, request_w);
+                let shifted = problem.step(m, t, &Point { state, ..here }, request_w);
                 self.change(t + 1, &next, &shifted)
             };
             // Towards the inside of the window: states beyond a limit are invalid.

@@ -26,6 +26,15 @@ pub struct Prices {
     pub end_charge: f64,
 }
 
+/// A string at the start of a step: state, accumulated cost, and whether its inverter ran in the step before, that is,
+/// delivered power.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Point {
+    pub state: StringState,
+    pub cost: f64,
+    pub running: bool,
+}
+
 /// One plan's data. Arrays over strings and steps are string-major, `(M, T)`; requests are magnitudes in the direction of
 /// their step.
 #[derive(Debug, Clone)]
@@ -376,16 +385,10 @@ impl<'a> PlanProblem<'a> {
         self.demand_w.len()
     }
 
+    /// One step of a string from any point.
     #[inline]
-    pub(crate) fn step(
-        &self,
-        m: usize,
-        t: usize,
-        state: StringState,
-        request_w: f64,
-        running: bool,
-    ) -> (f64, StringState) {
-        self.step_from(|| self.coefficients(m, t, state), (m, t), state, request_w, running)
+    pub(crate) fn step(&self, m: usize, t: usize, from: &Point, request_w: f64) -> Point {
+        self.step_from(|| self.coefficients(m, t, from.state), (m, t), from, request_w)
     }
 
     /// Like [`Self::step`], with known coefficients of the start.
@@ -394,19 +397,19 @@ impl<'a> PlanProblem<'a> {
         &self,
         at_start: impl FnOnce() -> Coefficients,
         (m, t): (usize, usize),
-        state: StringState,
+        from: &Point,
         request_w: f64,
-        running: bool,
-    ) -> (f64, StringState) {
-        let flow = self.flow_from(at_start, (m, t), state, request_w);
+    ) -> Point {
+        let flow = self.flow_from(at_start, (m, t), from.state, request_w);
         let (interval, p) = (&self.intervals[t], &self.prices);
         let mut rate = flow.losses().cost(&p.losses[t]) + p.wear[m] * flow.current_a.abs();
         if p.balance > 0.0 {
             let off = self.fill_of(m, flow.end) - self.fill[t];
             rate += self.imbalance[m * self.n_steps() + t] * off * off;
         }
-        let start = if running || request_w <= 0.0 { 0.0 } else { p.start };
-        (rate * interval.dt_h + start, flow.end)
+        let running = flow.delivered_w > 0.0;
+        let start = if running && !from.running { p.start } else { 0.0 };
+        Point { state: flow.end, cost: from.cost + rate * interval.dt_h + start, running }
     }
 
     /// Cost of the final state of a string, relative to full or empty, so that it is never negative.

@@ -1,7 +1,7 @@
 //! Initial schedules: all rules, and the shifted warm start.
 
-use crate::plan::paths::{Paths, Point};
-use crate::plan::problem::PlanProblem;
+use crate::plan::paths::Paths;
+use crate::plan::problem::{PlanProblem, Point};
 use crate::rules::{water_fill, Rule};
 
 /// Relative remainder of an allocated power that counts as rounding and switches no inverter on.

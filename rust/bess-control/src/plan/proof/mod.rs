@@ -4,7 +4,8 @@
 //! The shadow prices `l` of the balance come from [`super::dual`] and do not exceed the price of undelivered energy. If a
 //! function `W_t(x)` of the state satisfies the Bellman inequality `W_t(x) <= cost(x, u) - l_t u dt + W_{t+1}(f(x, u))`
 //! everywhere, `W_0` is a lower bound for one string and `sum l_t D_t dt + sum W_0(start)` for every schedule
-//! (docs/foresight.md, *Bounds*). Here `W_t` is bilinear between nodes of SOC and temperature, and the inequality holds for
+//! (docs/foresight.md, *Bounds*). There are two such functions, of an inverter that ran in the step before and of one that did not,
+//! which pays for a start. Here `W_t` is bilinear between nodes of SOC and temperature, and the inequality holds for
 //! every state and request, not for nodes alone:
 //!
 //! - With such prices undelivered requests never pay, so the current of a string determines its request.
@@ -139,24 +140,21 @@ impl<'a> Kind<'a> {
         (self.soc.len - 1) * (self.n_temperatures() - 1)
     }
 
-    /// Solves backwards at prices `(T,)` [cost/Wh]; `each` sees the values of each step `(n_soc, n_temperature)`.
-    fn backwards(&self, price: &[f64], mut each: impl FnMut(usize, &[f64])) -> Vec<f64> {
+    /// Solves backwards at prices `(T,)` [cost/Wh]; `each` sees the values of each step.
+    fn backwards(&self, price: &[f64], mut each: impl FnMut(usize, &Values)) -> Values {
         let problem = self.problem;
-        let n_temperatures = self.n_temperatures();
-        let n_cells = self.n_cells();
-        let mut next: Vec<f64> = (0..self.n_nodes())
-            .map(|x| {
-                let soc = self.soc.at((x / n_temperatures) as f64);
-                problem.end_cost(self.member, StringState { soc, temperature_c: 25.0 })
-            })
-            .collect();
+        let (n_temperatures, n_cells) = (self.n_temperatures(), self.n_cells());
+        let end = |x: usize| {
+            let soc = self.soc.at((x / n_temperatures) as f64);
+            problem.end_cost(self.member, StringState { soc, temperature_c: 25.0 })
+        };
+        let plain: Vec<f64> = (0..self.n_nodes()).map(end).collect();
+        let n_modes = if problem.prices.start > 0.0 { 2 } else { 1 };
+        let mut next = Values { modes: vec![plain.clone(); n_modes], plain };
         each(problem.n_steps(), &next);
         let mut images: [Option<Images>; 2] = [None, None];
-        let mut now = next.clone();
-        let (mut plain_next, mut plain_now) = (next.clone(), next.clone());
-        let mut bends = Bends::new(self);
-        let mut below = vec![0.0; n_cells];
-        let (mut errors, nowhere): (Vec<Vec<f64>>, _) = (vec![], vec![f64::NEG_INFINITY; n_cells]);
+        let mut bends: Vec<_> = next.modes.iter().map(|_| Bends::new(self)).collect();
+        let mut errors = Errors::default();
         for t in (0..problem.n_steps()).rev() {
             let interval = &problem.intervals[t];
             let which = which(interval.direction);
@@ -166,89 +164,114 @@ impl<'a> Kind<'a> {
                 images[which] = Some(self.images(interval, self.moves[which].as_ref()));
             }
             let Some(images) = &images[which] else { unreachable!() };
-            bends.of(self, &next);
+            bends.iter_mut().zip(&next.modes).for_each(|(bends, values)| bends.of(self, values));
             let step = StepPrices::new(self, t, price[t], moves);
-            // Strings that are off, or cover the inverter loss from the battery.
-            for (cell, below) in below.iter_mut().enumerate() {
-                let (i, j) = (cell / (n_temperatures - 1), cell % (n_temperatures - 1));
-                let image = &images.idle_boxes[j];
-                let (mut error, slopes) = bends.over(self, i, image);
-                let upper = bends.over(self, i + 1, image);
-                error = error.max(upper.0);
-                if let Some(moves) = moves.filter(|m| m.direction == Direction::Charge) {
-                    let (soc, heat_w) = moves.drawn[cell];
-                    let per_soc = bends.steepest(self, i, (soc / self.soc.step).ceil() as usize, image);
-                    let earned = step.drawing[j] + step.rise * heat_w * (-slopes.0.min(upper.1 .0)).max(0.0);
-                    error += (earned + per_soc * soc).max(0.0);
+            let (of_off, of_running) = (&bends[0], &bends[n_modes - 1]);
+            errors.off = self.idle_errors(of_off, images, |_| 0.0);
+            errors.drawing.clear();
+            if let Some(moves) = moves.filter(|m| m.direction == Direction::Charge) {
+                let gain = |bends: &Bends, cell| self.drawn(moves, bends, images, &step, cell);
+                errors.off.iter_mut().enumerate().for_each(|(cell, e)| *e += gain(of_off, cell).max(0.0));
+                if n_modes == 2 {
+                    errors.drawing = self.idle_errors(of_running, images, |cell| gain(of_running, cell));
                 }
-                *below = error;
             }
             if let Some(moves) = moves {
-                errors.resize_with(moves.n_boxes_within(cap_w), || vec![0.0; n_cells]);
-                errors = cores::map(errors.into_iter().enumerate().collect(), |(k, mut errors)| {
-                    self.box_errors((moves, images), &bends, &step, (k, cap_w), &mut errors);
+                errors.boxes.resize_with(moves.n_boxes_within(cap_w), || vec![0.0; n_cells]);
+                let boxes = std::mem::take(&mut errors.boxes).into_iter().enumerate().collect();
+                errors.boxes = cores::map(boxes, |(k, mut errors)| {
+                    self.box_errors((moves, images), of_running, &step, (k, cap_w), &mut errors);
                     errors
                 });
             }
-            let values = Next { values: &next, plain: &plain_next };
-            let row = |i| self.row(i, &values, (moves, images), &step, (&below, &errors, &nowhere));
-            now.clear();
-            plain_now.clear();
-            for (row, plain) in cores::map((0..self.soc.len).collect(), row) {
-                now.extend(row);
-                plain_now.extend(plain);
+            let row = |i| self.row(i, &next, (moves, images), &step, &errors);
+            let mut now = Values { modes: vec![vec![]; n_modes], plain: vec![] };
+            for (rows, plain) in cores::map((0..self.soc.len).collect(), row) {
+                now.modes.iter_mut().zip(rows).for_each(|(now, row)| now.extend(row));
+                now.plain.extend(plain);
             }
-            self.smooth(&mut now, &plain_now);
-            std::mem::swap(&mut now, &mut next);
-            std::mem::swap(&mut plain_now, &mut plain_next);
+            now.modes.iter_mut().for_each(|values| self.smooth(values, &now.plain));
+            if let [off, running] = &mut now.modes[..] {
+                limit(off, running, problem.prices.start);
+            }
+            next = now;
             each(t, &next);
         }
         next
     }
 
-    /// Values before a step at the nodes of one SOC, and the plain ones; errors of strings that are off, of every box, and of none.
+    /// Errors of strings that do not charge or discharge `(cell,)`, with what `more` adds.
+    fn idle_errors(&self, bends: &Bends, images: &Images, more: impl Fn(usize) -> f64) -> Vec<f64> {
+        let n_columns = self.n_temperatures() - 1;
+        let error = |cell: usize| {
+            let (i, j) = (cell / n_columns, cell % n_columns);
+            let image = &images.idle_boxes[j];
+            bends.over(self, i, image).0.max(bends.over(self, i + 1, image).0) + more(cell)
+        };
+        (0..self.n_cells()).map(error).collect()
+    }
+
+    /// Most that an inverter in a cell gains that covers its loss from the battery, over one that is idle; negative if it loses.
+    fn drawn(&self, moves: &Moves, bends: &Bends, images: &Images, step: &StepPrices, cell: usize) -> f64 {
+        let (i, j) = (cell / (self.n_temperatures() - 1), cell % (self.n_temperatures() - 1));
+        let image = &images.idle_boxes[j];
+        let least = |i: usize| bends.over(self, i, image).1 .0;
+        let (soc, heat_w) = moves.drawn[cell];
+        let per_soc = bends.steepest(self, i, (soc / self.soc.step).ceil() as usize, image);
+        let warmer = step.rise * heat_w * (-least(i).min(least(i + 1))).max(0.0);
+        step.drawing[j] + warmer + per_soc * soc
+    }
+
+    /// Values before a step at the nodes of one SOC, of a string that is off and of one that runs; and the plain ones.
     fn row(
         &self,
         i: usize,
-        next: &Next<'_>,
+        next: &Values,
         (moves, images): (Option<&Moves>, &Images),
         step: &StepPrices,
-        (idle, errors, nowhere): (&[f64], &[Vec<f64>], &[f64]),
-    ) -> (Vec<f64>, Vec<f64>) {
+        errors: &Errors,
+    ) -> ([Vec<f64>; 2], Vec<f64>) {
         let n_temperatures = self.n_temperatures();
-        let rows = |i: usize| {
-            let row = i * n_temperatures..(i + 1) * n_temperatures;
-            (&next.values[row.clone()], &next.plain[row])
+        let idle = |next: &[f64], error: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            let row = &next[i * n_temperatures..(i + 1) * n_temperatures];
+            let at = |j: usize| {
+                let (cell, share) = images.idle[j];
+                step.cost(&Corner::default(), j) + lerp(row, cell, share) - self.share * error(j)
+            };
+            (0..n_temperatures).map(at).collect()
         };
-        let (row, plain_row) = rows(i);
-        let off = |j: usize| {
-            let (cell, share) = images.idle[j];
-            let error = self.share * self.largest_around(idle, i, j);
-            let cost = step.cost(&Corner::default(), j);
-            (cost + lerp(row, cell, share) - error, cost + lerp(plain_row, cell, share))
-        };
-        let (mut now, mut plain): (Vec<f64>, Vec<f64>) = (0..n_temperatures).map(off).unzip();
-        let Some(moves) = moves else { return (now, plain) };
-        for k in 0..=errors.len() {
+        let mut off = idle(next.of(false), &|j| self.largest_around(&errors.off, i, j));
+        let mut plain = idle(&next.plain, &|_| 0.0);
+        let mut running = off.clone();
+        let Some(moves) = moves else { return ([off, running], plain) };
+        if !errors.drawing.is_empty() {
+            limit(&mut running, &idle(next.of(true), &|j| self.largest_around(&errors.drawing, i, j)), 0.0);
+        }
+        for k in 0..=errors.boxes.len() {
             let Some(to) = self.soc.after(moves.direction, i, k) else { break };
             // Errors of the boxes that end with this current, and of those that begin there.
-            let of = |k: Option<usize>| k.and_then(|k| errors.get(k)).map_or(nowhere, |errors| errors);
+            let of = |k: Option<usize>| k.and_then(|k| errors.boxes.get(k));
             let (below, above) = (of(k.checked_sub(1)), of(Some(k)));
-            let (row, plain_row) = rows(to);
+            let to = to * n_temperatures..(to + 1) * n_temperatures;
+            let (next_row, plain_row) = (&next.of(true)[to.clone()], &next.plain[to]);
             let wear = step.dt_h * step.wear * moves.current_a * k as f64;
             for j in 0..n_temperatures {
-                let error = self.largest_around(below, i, j).max(self.largest_around(above, i, j));
+                let around = |errors: Option<&Vec<f64>>| {
+                    errors.map_or(f64::NEG_INFINITY, |errors| self.largest_around(errors, i, j))
+                };
+                let error = around(below).max(around(above));
                 if error == f64::NEG_INFINITY {
                     continue;
                 }
                 let x = k * self.n_nodes() + i * n_temperatures + j;
                 let (cell, share) = images.corners[x];
-                let cost = step.cost(&moves.corners[x], j);
-                now[j] = now[j].min(cost + wear + lerp(row, cell, share) - self.share * error);
-                plain[j] = plain[j].min(cost + wear + lerp(plain_row, cell, share));
+                let cost = step.cost(&moves.corners[x], j) + wear;
+                running[j] = running[j].min(cost + lerp(next_row, cell, share) - self.share * error);
+                plain[j] = plain[j].min(cost + lerp(plain_row, cell, share));
             }
         }
-        (now, plain)
+        limit(&mut off, &running, self.problem.prices.start);
+        ([off, running], plain)
     }
 
     /// Lowers values so that their difference from the plain ones has little curvature over temperature compared with the plain
@@ -282,10 +305,35 @@ impl<'a> Kind<'a> {
     }
 }
 
-/// Values after a step, and the plain ones `(n_soc, n_temperature)`.
-struct Next<'v> {
-    values: &'v [f64],
-    plain: &'v [f64],
+/// Values at the nodes `(n_soc, n_temperature)`.
+#[derive(Debug, Clone)]
+struct Values {
+    /// Of a string that is off, and of one that runs; one of both where starts are free.
+    modes: Vec<Vec<f64>>,
+    /// Without errors and starts.
+    plain: Vec<f64>,
+}
+
+impl Values {
+    fn of(&self, running: bool) -> &[f64] {
+        &self.modes[usize::from(running).min(self.modes.len() - 1)]
+    }
+}
+
+/// Lowers values to others plus a cost.
+fn limit(values: &mut [f64], most: &[f64], cost: f64) {
+    values.iter_mut().zip(most).for_each(|(value, most)| *value = value.min(most + cost));
+}
+
+/// Errors of a step in each cell `(cell,)`.
+#[derive(Debug, Default)]
+struct Errors {
+    /// Of strings that are off, or that start and cover the inverter loss from the battery.
+    off: Vec<f64>,
+    /// Of strings that run and cover this loss from the battery, if they may.
+    drawing: Vec<f64>,
+    /// Of every box that the currents of two steps of SOC span.
+    boxes: Vec<Vec<f64>>,
 }
 
 #[inline]
@@ -294,7 +342,7 @@ fn lerp(row: &[f64], cell: usize, share: f64) -> f64 {
 }
 
 /// Lower bound of the cost of every schedule on the control model with the coefficients of the start of each step, from
-/// prices of the balance `(T,)` [cost/Wh]. Starts and imbalance are left out; they only add to the cost.
+/// prices of the balance `(T,)` [cost/Wh]. Imbalance is left out; it only adds to the cost.
 ///
 /// `soc_cells` is the resolution for identical strings; work grows with its third power. None with reactive power, or if the
 /// internal power of an inverter does not increase with its delivered power.
@@ -324,7 +372,8 @@ fn proven(
     terms.extend(idle.map(|m| problem.end_cost(m, problem.start[m])));
     for (kind, members) in solvers.iter().zip(kinds) {
         let values = kind.backwards(&price, |_, _| ());
-        terms.extend(members.iter().map(|&m| kind.at(&values, problem.start[m])));
+        let of_state = |&m: &usize| kind.at(values.of(problem.running[m]), problem.start[m]);
+        terms.extend(members.iter().map(of_state));
     }
     let size: f64 = terms.iter().map(|x| x.abs()).sum();
     Some(terms.iter().sum::<f64>() - ROUNDING * size)
