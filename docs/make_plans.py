@@ -3,8 +3,10 @@
 The demand is the bundled two-cycle day, in proportion to the strings; cost is 3 x undelivered + losses [kWh].
 """
 
+import resource
 import time
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,7 @@ LENGTHS = (7, 8, 9, 10, MONTH)
 LOWER_LIMITS = (0.0, 0.05, 0.08)
 SEED, DRAWN = 20261125, 5
 SIZES = (2, 4, 8, 32, 256, 1000)
+RUN_SIZES = (2, 8, 16, 32, 100, 256, 1000)
 PLANTS: dict[str, tuple[tuple[int, ...], float, float, int]] = {
     "rated demand": (SIZES, 1.0, 25.0, 1),
     "38 °C": ((2, 8), 1.0, 38.0, 1),
@@ -37,7 +40,7 @@ Array = NDArray[np.float64]
 
 def main() -> None:
     """Write the tables."""
-    for table in (soc_limits, plan_lengths, plan_gaps):
+    for table in (soc_limits, plan_lengths, plan_gaps, plan_sizes):
         path = DOCS / "_cases" / f"{table.__name__.replace('_', '-')}.md"
         path.write_text(markdown_table(table()), encoding="utf-8")
         print(path.read_text(encoding="utf-8"), flush=True)
@@ -59,6 +62,42 @@ def plan_gaps() -> list[list[str]]:
             percent = (f"{100.0 * gap:.1f} %" for gap in (plan.search_gap, plan.gap))
             rows.append([name, f"{n:,}", *(f"{x:,.1f}" for x in numbers), *percent, f"{cpu_s:.1f}"])
     return rows
+
+
+def plan_sizes() -> list[list[str]]:
+    """Share of the demand that closed loops of two days lose, each in a process of its own."""
+    rows = [
+        [
+            "strings",
+            "undelivered + losses, share of the demand: `mpc`",
+            "`soc`",
+            "CPU of the run with `mpc` (s)",
+            "peak memory (MB)",
+        ]
+    ]
+    with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as pool:
+        for n in RUN_SIZES:
+            (lost, cpu_s, peak_mb), (by_soc, *_) = pool.map(lost_pct, (n, n), ("mpc", "soc"))
+            rows.append([f"{n:,}", f"{lost:.2f} %", f"{by_soc:.2f} %", f"{cpu_s:.1f}", f"{peak_mb:.0f}"])
+    return rows
+
+
+def lost_pct(n_strings: int, policy: str) -> tuple[float, float, float]:
+    """Energy lost [% of the demand], CPU time of the run [s] and peak memory of this process [MB]."""
+    soc = np.random.default_rng(n_strings).uniform(0.35, 0.65, n_strings)
+    values = {
+        "run.days": 2,
+        "policy.name": policy,
+        "demand.scale": n_strings / 2,
+        "system.n_strings": n_strings,
+        "system.initial_soc": (soc + 0.5 - soc.mean()).tolist(),
+    }
+    study = expand(bess.load_study("arena"))["seven-days"].with_values(values)
+    started = time.process_time()
+    kpis = bess.run(study, progress=False).kpis
+    cpu_s = time.process_time() - started
+    lost = 100.0 * kpis["lost_kwh"] / kpis["demand_kwh"]
+    return lost, cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
 def plan_lengths() -> list[list[str]]:

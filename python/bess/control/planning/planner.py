@@ -82,9 +82,9 @@ class Plan(ByValue):
     rollouts : int
         Number of roll-outs of the control model.
     bound : float
-        Proven lower bound of the cost of every schedule, without starts, on the control model with the
-        coefficients of the start of each step (``model="start"`` of :func:`bess.rollout`), while ``cost`` has
-        those of its middle. It is the larger of the dual bound and the sum of the minimum costs of single
+        Proven lower bound of the cost of every schedule on the control model with the coefficients of the
+        start of each step (``model="start"`` of :func:`bess.rollout`), while ``cost`` has those of its
+        middle. It is the larger of the dual bound and the sum of the minimum costs of single
         steps (of strings that are planned one by one). NaN if not computed, or if it is above ``cost``, which
         the difference of the two forms can cause.
     search_bound : float

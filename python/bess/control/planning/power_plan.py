@@ -17,8 +17,8 @@ BOUND_PASSES = 100
 """Iterations of the dual bound; the search gap at rated demand is then 1 to 2 %."""
 PROOF_CELLS = 320
 """SOC cells of the proven bound; 320 cells take 4 CPU s for a day of identical strings. At rated demand the
-proven gap is 3 to 5 % without a price of starts, and 8 to 10 % with the default price. Half as many cells
-give 7 to 10 % without."""
+proven gap is 3 to 5 %, and 3 to 6 % with the default price of starts. Half as many cells give 4 to 9 %,
+and 7 to 12 %."""
 
 
 def planner_of_known_demand(

@@ -210,7 +210,52 @@ impl Bends {
     }
 }
 
+/// Errors of a step in each cell `(cell,)`.
+#[derive(Debug, Default)]
+pub(super) struct Errors {
+    /// Of strings that are off, or that start and cover the inverter loss from the battery.
+    pub(super) off: Vec<f64>,
+    /// Of strings that run and cover this loss from the battery, if they may.
+    pub(super) drawing: Vec<f64>,
+    /// Of every box that the currents of two steps of SOC span.
+    pub(super) boxes: Vec<Vec<f64>>,
+}
+
 impl Kind<'_> {
+    /// Errors of strings that do not charge or discharge `(cell,)`, with what `more` adds.
+    pub(super) fn idle_errors(
+        &self,
+        bends: &Bends,
+        images: &Images,
+        more: impl Fn(usize) -> f64,
+    ) -> Vec<f64> {
+        let n_columns = self.n_temperatures() - 1;
+        let error = |cell: usize| {
+            let (i, j) = (cell / n_columns, cell % n_columns);
+            let image = &images.idle_boxes[j];
+            bends.over(self, i, image).0.max(bends.over(self, i + 1, image).0) + more(cell)
+        };
+        (0..self.n_cells()).map(error).collect()
+    }
+
+    /// Most that an inverter in a cell gains that covers its loss from the battery, over one that is idle; negative if it loses.
+    pub(super) fn drawn(
+        &self,
+        moves: &Moves,
+        bends: &Bends,
+        images: &Images,
+        step: &StepPrices,
+        cell: usize,
+    ) -> f64 {
+        let (i, j) = (cell / (self.n_temperatures() - 1), cell % (self.n_temperatures() - 1));
+        let image = &images.idle_boxes[j];
+        let least = |i: usize| bends.over(self, i, image).1 .0;
+        let (soc, heat_w) = moves.drawn[cell];
+        let per_soc = bends.steepest(self, i, (soc / self.soc.step).ceil() as usize, image);
+        let warmer = step.rise * heat_w * (-least(i).min(least(i + 1))).max(0.0);
+        step.drawing[j] + warmer + per_soc * soc
+    }
+
     /// Errors of the boxes from `k` to `k + 1` steps of SOC `(cell,)`; minus infinity where nothing leads there.
     pub(super) fn box_errors(
         &self,

@@ -14,6 +14,8 @@
 //! - Over a triangle times a cell of temperature, cost and end temperature differ from linear interpolation between the corners
 //!   by products of known sign and size, kinks of tables, and kinks of `W` over temperature. [`Shape`] and [`Image`] hold
 //!   bounds of these; the values at the corners are lowered by them.
+//! - A charging inverter that gets less than its no-load loss draws on the battery. It counts as one that is off, with an error
+//!   that covers what it gains; but one that runs stays on in this way.
 //!
 //! The least value at a node, over all triangles that meet there, is therefore a bound between the nodes too.
 
@@ -29,7 +31,7 @@ use crate::cores;
 use crate::model::{Range, StringModel, StringState};
 use crate::plan::problem::PlanProblem;
 use crate::plan::soc_nodes::SocNodes;
-use errors::{Bends, StepPrices};
+use errors::{Bends, Errors, StepPrices};
 use images::Images;
 use moves::{Corner, Moves};
 use temperatures::temperatures;
@@ -200,28 +202,6 @@ impl<'a> Kind<'a> {
         next
     }
 
-    /// Errors of strings that do not charge or discharge `(cell,)`, with what `more` adds.
-    fn idle_errors(&self, bends: &Bends, images: &Images, more: impl Fn(usize) -> f64) -> Vec<f64> {
-        let n_columns = self.n_temperatures() - 1;
-        let error = |cell: usize| {
-            let (i, j) = (cell / n_columns, cell % n_columns);
-            let image = &images.idle_boxes[j];
-            bends.over(self, i, image).0.max(bends.over(self, i + 1, image).0) + more(cell)
-        };
-        (0..self.n_cells()).map(error).collect()
-    }
-
-    /// Most that an inverter in a cell gains that covers its loss from the battery, over one that is idle; negative if it loses.
-    fn drawn(&self, moves: &Moves, bends: &Bends, images: &Images, step: &StepPrices, cell: usize) -> f64 {
-        let (i, j) = (cell / (self.n_temperatures() - 1), cell % (self.n_temperatures() - 1));
-        let image = &images.idle_boxes[j];
-        let least = |i: usize| bends.over(self, i, image).1 .0;
-        let (soc, heat_w) = moves.drawn[cell];
-        let per_soc = bends.steepest(self, i, (soc / self.soc.step).ceil() as usize, image);
-        let warmer = step.rise * heat_w * (-least(i).min(least(i + 1))).max(0.0);
-        step.drawing[j] + warmer + per_soc * soc
-    }
-
     /// Values before a step at the nodes of one SOC, of a string that is off and of one that runs; and the plain ones.
     fn row(
         &self,
@@ -323,17 +303,6 @@ impl Values {
 /// Lowers values to others plus a cost.
 fn limit(values: &mut [f64], most: &[f64], cost: f64) {
     values.iter_mut().zip(most).for_each(|(value, most)| *value = value.min(most + cost));
-}
-
-/// Errors of a step in each cell `(cell,)`.
-#[derive(Debug, Default)]
-struct Errors {
-    /// Of strings that are off, or that start and cover the inverter loss from the battery.
-    off: Vec<f64>,
-    /// Of strings that run and cover this loss from the battery, if they may.
-    drawing: Vec<f64>,
-    /// Of every box that the currents of two steps of SOC span.
-    boxes: Vec<Vec<f64>>,
 }
 
 #[inline]
