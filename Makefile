@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 WORKERS := $(shell expr 1 + $$(getconf _NPROCESSORS_ONLN))
-unexport MAKEFLAGS # in which cargo looks for a job server
+unexport MAKEFLAGS MFLAGS # in which cargo looks for a job server
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name 'Cargo.toml')
 
 .PHONY: demo test test-rust test-python lint bench cases arena docs lock surface release wheel clean

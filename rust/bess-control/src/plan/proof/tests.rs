@@ -187,7 +187,7 @@ fn no_schedule_costs_less_than_the_bound() {
         Given::new(vec![0.001, -0.001, 0.0005], vec![0.5, 0.5], 25.0),
         Given::new(vec![0.0; 3], vec![0.5, 0.5], 25.0),
         // An inverter needs more than it is asked for, and takes the rest from the battery.
-        Given::new(vec![-0.45], vec![0.5, 0.5], 25.0),
+        Given { start: 0.0, ..Given::new(vec![-0.45], vec![0.5, 0.5], 25.0) },
     ];
     cases.push(Given { dt_h: 1.0 / 60.0, ..Given::new(day.repeat(3), vec![0.5, 0.5], 25.0) });
     cases.push(Given { ambient_c: 45.0, ..Given::new(day.clone(), vec![0.5, 0.5], 30.0) });
