@@ -111,7 +111,8 @@ def draw(chart: Chart) -> Figure:
         _panel(place, panel)
         label = spans_label(chart) if panel is chart.panels[-1] else None  # the last entry of the legend
         for span in chart.spans:
-            place.axvspan(span.start, span.end, color=EVENT, alpha=EVENT_ALPHA, linewidth=0, label=label)
+            behind = {"color": EVENT, "alpha": EVENT_ALPHA, "linewidth": 0, "zorder": 0}
+            place.axvspan(span.start, span.end, label=label, **behind)
     for unused in axes.ravel()[len(chart.panels) :]:
         unused.remove()
     for column in range(chart.columns):
@@ -197,6 +198,7 @@ def _legend(figure: Figure, axes: Any, chart: Chart) -> None:
         bar.ax.minorticks_off()
         entries = {label: handle for label, handle in entries.items() if label not in strings}
     if len(entries) > 1 or (entries and not strings):
-        wide, widths = int(11 * chart.width_in), [len(label) + 5 for label in entries]  # in characters
-        columns = len(entries) if sum(widths) <= wide else max(wide // max(widths), 1)
+        wide, widths = 18 * chart.width_in, [len(label) + 9 for label in entries]  # in characters
+        fits = (n for n in range(len(entries), 0, -1) if sum(map(max, np.array_split(widths, n))) <= wide)
+        columns = next(fits, 1)
         figure.legend(entries.values(), entries, loc="outside upper center", ncols=columns)

@@ -136,7 +136,7 @@ def _plot(panel: Panel, x_range: Any, height: int, chart: Chart, x_label: str | 
     for span in chart.spans:
         left, right = _numbers(np.array([span.start, span.end])).tolist()
         event = {"left": left, "right": right, "name": spans_label(chart)}
-        plot.add_layout(BoxAnnotation(fill_color=EVENT, fill_alpha=EVENT_ALPHA, **event))
+        plot.add_layout(BoxAnnotation(level="underlay", fill_color=EVENT, fill_alpha=EVENT_ALPHA, **event))
     sources: dict[bytes, ColumnDataSource] = {}
     if panel.background is not None:
         reach = background_reach(panel.background)
