@@ -72,9 +72,7 @@ def test_losses_are_never_negative_soc_stays_inside_and_nothing_is_shed_silently
     accounted = np.abs(flows.delivered_kw) + flows.availability_loss_kw + flows.derating_loss_kw
     np.testing.assert_allclose(accounted, np.abs(request_kw), atol=1e-10)
     assert np.all(flows.delivered_kw * request_kw >= 0.0)
-    # Less than the least power of an inverter is shed without a limit.
-    limited = (flows.availability_loss_kw >= SYSTEM.min_power_kw) | (np.abs(flows.delivered_kw) > 0.0)
-    shed = (flows.availability_loss_kw > 1e-9) & limited | (flows.derating_loss_kw > 1e-9)
+    shed = (flows.availability_loss_kw > 1e-9) | (flows.derating_loss_kw > 1e-9)
     assert np.all(flows.limits[shed] != 0)
     np.testing.assert_allclose(flows.ledger_residual_kwh, 0.0, atol=1e-11)
     assert np.all(flows.node_max_c >= flows.temperature_c - 1e-9)

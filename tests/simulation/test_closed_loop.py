@@ -62,8 +62,8 @@ def test_the_record_has_the_documented_variables_units_and_times(case1: bess.Res
         assert variable.attrs["units"] and variable.attrs["long_name"], name
     assert data.attrs["time_zone"] == "UTC"
     np.testing.assert_array_equal(data.attrs["initial_soc"], [0.5, 0.5])
-    np.testing.assert_array_equal(data.limits.attrs["flag_masks"], [1, 2, 4, 8, 16])
-    assert len(data.limits.attrs["flag_meanings"].split()) == 5
+    np.testing.assert_array_equal(data.limits.attrs["flag_masks"], [1, 2, 4, 8, 16, 32])
+    assert len(data.limits.attrs["flag_meanings"].split()) == 6
     assert "node_temperature_c" not in data
     assert "price_eur_mwh" not in data
 

@@ -27,6 +27,8 @@ class Limit(IntFlag):
     """Maximum power transfer of the battery, at half the short-circuit current."""
     VOLTAGE = 16
     """The cells reached their voltage limit."""
+    MIN_POWER = 32
+    """The request was below the minimum power of the inverter, which stayed off."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,7 +75,7 @@ VARIABLES: dict[str, Variable] = {
     "request_kw": Variable(_TS, "kW", "set-point of each string (AC), positive = discharge"),
     "delivered_kw": Variable(_TS, "kW", "delivered AC power, mean over the step, positive = discharge"),
     "reactive_kvar": Variable(_TS, "kvar", "reactive power, mean over the step, positive = supplied"),
-    "availability_loss_kw": Variable(_TS, "kW", "undelivered request: SOC, voltage and root limits"),
+    "availability_loss_kw": Variable(_TS, "kW", "undelivered request: every limit but derating"),
     "derating_loss_kw": Variable(_TS, "kW", "undelivered request: temperature derating"),
     "inverter_loss_kw": Variable(_TS, "kW", "inverter loss"),
     "standby_kw": Variable(

@@ -104,7 +104,14 @@ impl<const W: usize> AnyBlock for Block<W> {
             soc: self.soc,
             temperature_c: self.air_path.mean_temperature(),
             totals: Totals { hottest_c: Lanes::splat(f64::NEG_INFINITY), ..Totals::default() },
-            limits: [Limits::NONE; W],
+            limits: from_fn(|l| {
+                let below = request_w[l] != 0.0 && request_w[l].abs() < self.min_power_w.0[l];
+                if below {
+                    Limits::MIN_POWER
+                } else {
+                    Limits::NONE
+                }
+            }),
         };
         // The loss table in force changes with the direction.
         self.loss_lines = Lines::unknown();
