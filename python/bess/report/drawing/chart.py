@@ -111,8 +111,9 @@ def draw(chart: Chart) -> Figure:
         _panel(place, panel)
         label = spans_label(chart) if panel is chart.panels[-1] else None  # the last entry of the legend
         for span in chart.spans:
-            behind = {"color": EVENT, "alpha": EVENT_ALPHA, "linewidth": 0, "zorder": 0}
-            place.axvspan(span.start, span.end, label=label, **behind)
+            place.axvspan(
+                span.start, span.end, color=EVENT, alpha=EVENT_ALPHA, linewidth=0, zorder=0, label=label
+            )
     for unused in axes.ravel()[len(chart.panels) :]:
         unused.remove()
     for column in range(chart.columns):
