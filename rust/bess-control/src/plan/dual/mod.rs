@@ -1,0 +1,65 @@
+//! Dual bound: only the power balance couples the strings, and its shadow price in each step decouples them.
+//!
+//! At any prices, the minimum costs of all strings (one dynamic program each, [`values`]) plus the value of the demand are at most
+//! the cost of any schedule (Lagrangian relaxation of the balance). Strings move between nodes of SOC, so their cost to go
+//! is not interpolated in SOC, only in temperature ([`grid`]). The bound of the grid is therefore an estimate of the true bound.
+
+mod bundle;
+mod grid;
+mod values;
+
+use crate::plan::look_ahead::look_ahead;
+use crate::plan::problem::PlanProblem;
+use bundle::Bundle;
+use values::StringValues;
+
+/// Share of the iterations that move prices towards the balancing prices of the look-ahead: a fast start, whose planes the bundle
+/// then has.
+const CLEARING: f64 = 0.5;
+/// Step of the prices in one of these iterations.
+const TOWARDS_CLEARING: f64 = 0.5;
+
+pub(crate) struct Dual {
+    /// Lower bound of the cost of every schedule, on the grid.
+    pub bound: f64,
+    /// The cheapest look-ahead schedule with the cost to go of one of the iterations `(M, T)` [W].
+    pub request_w: Vec<f64>,
+    /// The prices of the bound `(T,)` [cost/Wh].
+    pub price: Vec<f64>,
+}
+
+/// Bound of the cost of every schedule at prices `(T,)` [cost/Wh].
+pub(crate) fn at_prices(problem: &PlanProblem<'_>, price: &[f64]) -> f64 {
+    let mut values = StringValues::new(problem);
+    values.solve(price);
+    values.bound(price)
+}
+
+/// Raises the bound in `passes` iterations, from `price` `(T,)` [cost/Wh], towards the cost of the best known schedule.
+pub(crate) fn ascend(problem: &PlanProblem<'_>, mut price: Vec<f64>, known_cost: f64, passes: usize) -> Dual {
+    let mut values = StringValues::new(problem);
+    let (mut request_w, mut cost) = (vec![], f64::INFINITY);
+    let mut bundle = Bundle::default();
+    let clearing = (CLEARING * passes as f64).ceil() as usize;
+    let shed = |t: usize| problem.prices.losses[t].availability.max(problem.prices.losses[t].derating);
+    for pass in 0..passes {
+        values.solve(&price);
+        let (rolled, clearing_price) = look_ahead(problem, &values);
+        if rolled.cost() < cost {
+            (cost, request_w) = (rolled.cost(), rolled.request_w());
+        }
+        // What is shed at its price leaves no power open.
+        let open = |(t, power): (usize, f64)| if price[t] < shed(t) { power } else { power.min(0.0) };
+        let slope = values.slope().into_iter().enumerate().map(open).collect();
+        bundle.add(price.clone(), values.bound(&price), slope);
+        if pass < clearing {
+            let towards = |(p, clear): (&mut f64, &f64)| *p += TOWARDS_CLEARING * (clear - *p);
+            price.iter_mut().zip(&clearing_price).for_each(towards);
+        } else {
+            price = bundle.next(known_cost.min(cost));
+            price.iter_mut().enumerate().for_each(|(t, price)| *price = price.min(shed(t)));
+        }
+    }
+    let (price, bound) = bundle.best();
+    Dual { bound, request_w, price }
+}
