@@ -34,7 +34,7 @@ def case(seed: int, n_strings: int = N_STRINGS, n_steps: int = 24) -> Case:
 @pytest.mark.parametrize("seed", range(4))
 def test_a_plan_of_groups_shares_out_the_demand_at_the_cost_of_its_true_strings(seed: int) -> None:
     given = case(seed)
-    planner = Planner(given.system, 24, DT_H, rollouts=20, balance=0.0, bound_passes=0, first_step_weight=1.0)
+    planner = Planner(given.system, 24, DT_H, rollouts=20, balance=0.0, price_passes=0, first_step_weight=1.0)
     plan = given.plan(planner)
     given.check(plan)
     assert plan.cost < plan.rule_cost
@@ -43,7 +43,7 @@ def test_a_plan_of_groups_shares_out_the_demand_at_the_cost_of_its_true_strings(
 
 def test_a_carried_plan_of_groups_never_costs_more_than_what_it_was_made_from() -> None:
     given = case(5)
-    planner = Planner(given.system, 24, DT_H, rollouts=10, balance=0.0, bound_passes=0, first_step_weight=1.0)
+    planner = Planner(given.system, 24, DT_H, rollouts=10, balance=0.0, price_passes=0, first_step_weight=1.0)
     first = given.plan(planner)
     moved = np.pad(first.request_kw[:, 1:], ((0, 0), (0, 1)))
     planner.rollouts = 0
@@ -70,7 +70,7 @@ def test_the_bound_of_many_strings_is_below_the_schedules_of_plan_and_rules() ->
 
 def test_memory_continues_a_plan_of_groups_to_the_same_bits() -> None:
     given = case(7)
-    planners = [Planner(given.system, 24, DT_H, rollouts=10, bound_passes=0) for _ in range(2)]
+    planners = [Planner(given.system, 24, DT_H, rollouts=10, price_passes=0) for _ in range(2)]
     given.plan(planners[0])
     planners[1].load_state_dict(planners[0].state_dict())
     warmer = bess.State(given.state.soc * 0.99, given.state.temperature_c + 1.0)

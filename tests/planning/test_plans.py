@@ -68,7 +68,7 @@ def test_more_roll_outs_are_never_worse_from_the_same_start(seed: int, n_strings
     Without the starts of the bound, whose ascent depends on the best cost so far.
     """
     problem = case(seed, n_strings, 24)
-    planners = [Planner(problem.system, 24, DT_H, rollouts=n, bound_passes=0) for n in (0, 5, 40)]
+    planners = [Planner(problem.system, 24, DT_H, rollouts=n, price_passes=0) for n in (0, 5, 40)]
     costs = [problem.plan(planner).cost for planner in planners]
     assert costs[2] <= costs[1] <= costs[0]
 

@@ -98,7 +98,7 @@ PRICES: dict[str, Any] = {"start_cost": 0.1, "balance": 0.01, "end_charge": -0.0
 EFFORT: dict[str, Any] = {
     "rollouts": 20,
     "fresh_rollouts": 20,
-    "bound_passes": 2,
+    "price_passes": 2,
     "proof_cells": 20,
     "turn": 0,
 }

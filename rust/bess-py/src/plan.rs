@@ -33,12 +33,13 @@ pub struct Plan {
 ///
 /// Prices: `loss_prices` `(T, 4)` of availability, derating, inverter and battery loss [cost/kWh]; `wear`
 /// `(M,)` and `end_charge` [cost/Ah]; `start_cost` of an inverter; `balance` [cost per Ah and hour]. Work:
-/// `previous_kw` `(M, T)` is the shifted warm start, with `rollouts`; each fresh start has `fresh_rollouts`;
-/// `turn` counts the calls. `reactive_kvar` `(T,)` is the reactive power of the plant. Strings of one number
+/// `previous_kw` `(M, T)` is the shifted warm start. It has `rollouts`, as has the best start of a restart, in which each start has
+/// `fresh_rollouts` before; shadow prices have `price_passes` iterations, the proven bound `proof_cells` (None: no bounds); `turn`
+/// counts the calls. `reactive_kvar` `(T,)` is the reactive power of the plant. Strings of one number
 /// in `groups` `(M,)` are planned as one; strings below 0 are out of service.
 #[pyfunction]
 #[pyo3(signature = (model, *, soc, temperature_c, running, demand_kw, ambient_c, dt_h, limit_kw, loss_prices, wear,
-                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, bound_passes, proof_cells, turn, reactive_kvar=None, groups=None))]
+                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, price_passes, proof_cells, turn, reactive_kvar=None, groups=None))]
 pub fn plan(
     py: Python<'_>,
     model: &ControlModel,
@@ -57,8 +58,8 @@ pub fn plan(
     previous_kw: Option<GivenMatrix<'_>>,
     rollouts: usize,
     fresh_rollouts: usize,
-    bound_passes: usize,
-    proof_cells: usize,
+    price_passes: usize,
+    proof_cells: Option<usize>,
     turn: usize,
     reactive_kvar: Option<GivenVector<'_>>,
     groups: Option<PyReadonlyArray1<'_, i64>>,
@@ -94,7 +95,7 @@ pub fn plan(
         .map(|groups| Groups::new(&groups.as_array().iter().map(group).collect::<Vec<_>>(), n_strings))
         .transpose()
         .map_err(refused)?;
-    let effort = PlanEffort { rollouts, fresh_rollouts, bound_passes, proof_cells, turn };
+    let effort = PlanEffort { rollouts, fresh_rollouts, price_passes, proof_cells, turn };
     let plan = py
         .detach(|| {
             let mut problem =

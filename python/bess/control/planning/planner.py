@@ -21,15 +21,14 @@ from bess.system import State, System
 
 MIN_ROLLOUTS, ROLLOUTS_PER_STRING, MAX_ROLLOUTS = 180, 22, 352
 """Roll-outs of a call, unless given. More strings have more pairs to improve (docs/foresight.md)."""
-RESTART_ROLLOUTS = 600
-"""Maximum roll-outs for the schedule of each rule at a cold start or restart; at most four times those of a
-call."""
+RESTART_ROLLOUTS = 300
+"""Roll-outs for each start of a restart, before the best is chosen; at most twice those of a call."""
 RESTART_INTERVAL_STEPS = 96
 """Calls between restarts: a restart may leave a local optimum that holds the shifted warm start."""
 BOUND_STEPS = 28 * RESTART_INTERVAL_STEPS
 """Calls between lower bounds, each at a restart: a bound takes as long as several days of planning."""
-BOUND_PASSES = 16
-"""Iterations of the dual bound. At rated demand they leave a search gap of 4 to 9 %; forty leave 1 to 2 %."""
+PRICE_PASSES = 16
+"""Iterations of the shadow prices. At rated demand the search gap is then 4 to 9 %, after forty 1 to 2 %."""
 PROOF_CELLS = 160
 """SOC cells of the proven bound; 160 cells take 0.4 CPU s for a day of identical strings."""
 TERMINAL_VALUE_FACTOR = 0.1
@@ -156,11 +155,11 @@ class Planner(Checkpointed):
         Price of SOC differences [1/h]. The cost per hour is this price x (fill of the string - fill of the
         plant)^2 x nominal energy x mean price of losses; the fill is a share of the SOC window. It applies
         when the plant will be nearly empty or full, and increases with the forecast error.
-    bound_passes : int
-        Iterations of the dual bound in the first call and every :data:`BOUND_STEPS` calls; the schedules of
-        the bound are then starting points of the plan.
-    proof_cells : int
-        SOC cells of the proven bound; the computing time grows with their third power.
+    price_passes : int
+        Iterations of the shadow prices in a restart; 0: restarts have no starts from dynamic programs.
+    proof_cells : int, optional
+        SOC cells of the proven bound in the first call and every :data:`BOUND_STEPS` calls; the computing
+        time grows with their third power. None: no bounds.
     first_step_weight : float
         Weight of undelivered energy in the current step, relative to later ones.
 
@@ -185,8 +184,8 @@ class Planner(Checkpointed):
         *,
         rollouts: int | None = None,
         balance: float = SOC_BALANCING_PER_H,
-        bound_passes: int = BOUND_PASSES,
-        proof_cells: int = PROOF_CELLS,
+        price_passes: int = PRICE_PASSES,
+        proof_cells: int | None = PROOF_CELLS,
         first_step_weight: float = FIRST_STEP_WEIGHT,
     ) -> None:
         check_horizon(system, horizon_steps, dt_h, MAX_STEPS)
@@ -198,7 +197,7 @@ class Planner(Checkpointed):
         self.dt_h = dt_h
         self.rollouts = int(rollouts)
         self._balance = balance
-        self.bound_passes = int(bound_passes)
+        self._price_passes = int(price_passes)
         self._proof_cells = proof_cells
         self._first_step_weight = first_step_weight
         self._forecast_error = ForecastErrorTracker(system.nominal_kw, dt_h)
@@ -276,9 +275,9 @@ class Planner(Checkpointed):
                 end_charge=TERMINAL_VALUE_FACTOR * self._start_charge,
                 previous_kw=previous,
                 rollouts=self.rollouts,
-                fresh_rollouts=min(RESTART_ROLLOUTS, 4 * self.rollouts) if fresh else 0,
-                bound_passes=self.bound_passes if bounded else 0,
-                proof_cells=self._proof_cells,
+                fresh_rollouts=min(RESTART_ROLLOUTS, 2 * self.rollouts) if fresh else 0,
+                price_passes=self._price_passes,
+                proof_cells=self._proof_cells if bounded else None,
                 turn=self._turn,
                 reactive_kvar=reactive_kvar,
                 groups=groups,

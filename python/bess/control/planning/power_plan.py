@@ -11,10 +11,10 @@ from bess.control.split.problem import demand_of_steps
 from bess.errors import InputError
 from bess.system import State, System
 
-ROLLOUTS = 600
-"""Roll-outs for each starting point of a plan."""
-BOUND_PASSES = 40
-"""Iterations of the dual bound; the search gap at rated demand is then 1 to 2 %."""
+ROLLOUTS = 6000
+"""Roll-outs for the best starting point of a plan."""
+PRICE_PASSES = 40
+"""Iterations of the shadow prices; the search gap at rated demand is then 1 to 2 %."""
 PROOF_CELLS = 320
 """SOC cells of the proven bound; 320 cells take 4 CPU s for a day of identical strings. At rated demand the
 proven gap is 2 to 4 %, and 3 to 6 % with the default price of starts."""
@@ -24,8 +24,8 @@ def planner_of_known_demand(
     system: System,
     n_steps: int,
     dt_h: float,
-    bound_passes: int = BOUND_PASSES,
-    proof_cells: int = PROOF_CELLS,
+    price_passes: int = PRICE_PASSES,
+    proof_cells: int | None = PROOF_CELLS,
 ) -> Planner:
     """Return a planner for one plan of a demand that is known; parameters as for :class:`Planner`."""
     return Planner(
@@ -34,7 +34,7 @@ def planner_of_known_demand(
         dt_h,
         rollouts=ROLLOUTS,
         balance=0.0,
-        bound_passes=bound_passes,
+        price_passes=price_passes,
         proof_cells=proof_cells,
         first_step_weight=1.0,
     )

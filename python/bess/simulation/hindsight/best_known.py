@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 Effort = Literal["quick", "thorough"]
 
 _SEARCH: dict[Effort, tuple[float, int]] = {"quick": (7 * 24.0, 20), "thorough": (14 * 24.0, 100)}
-"""Length of a plan [h], at most the run, and iterations of its dual bound."""
+"""Length of a plan [h], at most the run, and iterations of its shadow prices."""
 _FOLLOWED = 6.0 / 7.0
 """Share of a plan that is followed before the next plan starts."""
 
@@ -157,8 +157,8 @@ def benchmark(replay: Replay, effort: Effort = "quick") -> Hindsight:
 class _Plans:
     """Plans of a known demand without a warm start, each followed for most of its length."""
 
-    def __init__(self, system: System, n_steps: int, dt_h: float, bound_passes: int) -> None:
-        self._make = partial(planner_of_known_demand, system, n_steps, dt_h, bound_passes, proof_cells=0)
+    def __init__(self, system: System, n_steps: int, dt_h: float, price_passes: int) -> None:
+        self._make = partial(planner_of_known_demand, system, n_steps, dt_h, price_passes, proof_cells=None)
         goals = Objectives.energy(shortfall=1.0, start_kwh=0.0)
         self._prices = PlanPrices.energy(goals, system.n_strings, n_steps)
         self._followed = max(1, int(_FOLLOWED * n_steps))

@@ -30,7 +30,7 @@ pub use problem::{PlanProblem, Prices};
 
 use bess_tables::InputError;
 
-use look_ahead::look_ahead;
+use look_ahead::{look_ahead, CostToGo};
 use pair::Pair;
 use pairs::PairValues;
 use paths::{CoStates, Paths};
@@ -51,20 +51,21 @@ const SLACK: f64 = 0.1;
 const PAIRS_STEP_H: f64 = 0.5;
 const MAX_STEPS_AT_FINE_STEP: usize = 16;
 
+/// Step of the dynamic programs of single strings whose dual is a bound [h].
 const BOUND_STEP_H: f64 = 0.25;
 
 /// Effort of a plan, in roll-outs of all strings over all steps, so that results do not depend on the
 /// machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PlanEffort {
-    /// Roll-outs for the shifted warm start.
+    /// Roll-outs for the shifted warm start, or for the best start of a restart.
     pub rollouts: usize,
-    /// Roll-outs for each restart; 0 = no restart.
+    /// Roll-outs for each start of a restart, before the best is chosen; 0 = no restart.
     pub fresh_rollouts: usize,
-    /// Iterations of the dual bound. With 0, restarts use the rules only and there is no bound.
-    pub bound_passes: usize,
-    /// SOC cells of the proven bound, which is computed together with the dual bound.
-    pub proof_cells: usize,
+    /// Iterations of the shadow prices in a restart. With 0, it has no starts from dynamic programs.
+    pub price_passes: usize,
+    /// SOC cells of the proven bound. None = no bounds of a restart, and its shadow prices are those of longer steps.
+    pub proof_cells: Option<usize>,
     /// Call counter, which selects the moves.
     pub turn: usize,
 }
@@ -95,7 +96,8 @@ impl PlanProblem<'_> {
     /// is missing or costs more, the best rule's schedule, improved by a local search.
     pub fn plan(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> Plan {
         let (mut plan, price) = self.priced(previous, effort);
-        plan.bound = price.and_then(|price| proof::bound(self, &price, effort.proof_cells));
+        plan.bound =
+            price.zip(effort.proof_cells).and_then(|(price, cells)| proof::bound(self, &price, cells));
         plan
     }
 
@@ -128,9 +130,9 @@ impl PlanProblem<'_> {
         }
         plan.cost = paths.cost();
         plan.request_w = paths.request_w();
-        if let Some(price) = price {
+        if let Some((price, cells)) = price.zip(effort.proof_cells) {
             plan.search_bound = Some(dual::at_prices(problem, &price));
-            plan.bound = proof::bound(problem, &price, effort.proof_cells);
+            plan.bound = proof::bound(problem, &price, cells);
         }
         Ok(plan)
     }
@@ -142,76 +144,79 @@ impl PlanProblem<'_> {
         let carried = previous.map(|request_w| starts::carried_on(self, request_w));
         self.aim_for_balance(carried.as_deref());
         let problem: &Self = self;
-        let mut rules = cores::map(Rule::ALL.to_vec(), |rule| starts::of_rule(rule, problem));
-        rules.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
-        let rule_cost = rules[0].cost();
-        let rules_work: u64 = rules.iter().map(|r| r.work).sum();
+        let mut starts = cores::map(Rule::ALL.to_vec(), |rule| starts::of_rule(rule, problem));
+        starts.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+        let rule_cost = starts[0].cost();
         // Several rules give the same schedule for identical strings.
-        rules.dedup_by(|a, b| a.request_w() == b.request_w());
+        starts.dedup_by(|a, b| a.request_w() == b.request_w());
         let carried = carried.map(|request_w| Paths::new(problem, request_w));
-        let mut best = match carried {
-            Some(carried) if carried.cost() <= rule_cost => carried,
-            _ => rules[0].clone(),
-        };
-        improve(&mut best, effort.rollouts * size, effort.turn, pair::rounds(self.n_strings()));
-        let (mut search_bound, mut price) = (None, None);
-        if effort.fresh_rollouts > 0 {
-            let (starts, dual) = problem.fresh(rules, best.cost(), effort);
-            best = starts.into_iter().fold(best, cheaper);
-            search_bound = dual.as_ref().map(|dual| dual.bound);
-            price = dual.map(|dual| dual.price);
+        if let Some(carried) = carried.filter(|carried| carried.cost() <= rule_cost) {
+            starts = vec![carried];
         }
+        let (mut dual, mut cycle) = (None, pair::rounds(self.n_strings()));
+        if effort.fresh_rollouts > 0 {
+            (starts, dual) = problem.fresh(starts, effort);
+            cycle = cycle.max(blocks::LENGTHS.len());
+        }
+        let mut best = starts.into_iter().reduce(cheaper).unwrap_or_else(|| unreachable!("a rule at least"));
+        let budget = best.work + (effort.rollouts * size) as u64;
+        improve(&mut best, budget, effort.turn, cycle);
         let plan = Plan {
             cost: best.cost(),
             rule_cost,
-            search_bound,
+            search_bound: dual.as_ref().map(|dual| dual.bound),
             bound: None,
-            rollouts: ((rules_work + best.work) as usize).div_ceil(size.max(1)),
+            rollouts: (best.work as usize).div_ceil(size.max(1)),
             start_charge: start_charge(&mut best),
             request_w: best.request_w(),
         };
-        (plan, price)
+        (plan, dual.map(|dual| dual.price))
     }
 
-    /// Improved schedules without a predecessor: from those of `rules` and, if a bound is asked for, from the schedules of the
-    /// dynamic programs of pairs and of single strings. With the dual bound, its prices in the steps of the problem.
+    /// Improved schedules from `starts`, and from the dynamic programs of pairs and of single strings. If bounds are asked for,
+    /// with the dual bound, its prices in the steps of the problem.
     fn fresh<'p>(
         &'p self,
-        rules: Vec<Paths<'p>>,
-        best_cost: f64,
+        starts: Vec<Paths<'p>>,
         effort: PlanEffort,
     ) -> (Vec<Paths<'p>>, Option<dual::Dual>) {
         let (n_steps, size) = (self.n_steps(), self.n_strings() * self.n_steps());
         let every_move = pair::rounds(self.n_strings()).max(blocks::LENGTHS.len());
         let polish = |mut fresh: Paths<'p>| {
-            improve(&mut fresh, effort.fresh_rollouts * size, effort.turn, every_move);
+            improve(&mut fresh, (effort.fresh_rollouts * size) as u64, effort.turn, every_move);
             fresh
         };
-        let mut found = cores::map(rules, polish);
-        if effort.bound_passes == 0 {
+        let mut found = cores::map(starts, polish);
+        if effort.price_passes == 0 {
             return (found, None);
         }
-        let per = self.steps_of(PAIRS_STEP_H).min((n_steps / MAX_STEPS_AT_FINE_STEP).max(1));
+        let mut per = self.steps_of(PAIRS_STEP_H).min((n_steps / MAX_STEPS_AT_FINE_STEP).max(1));
         let pairs = PairValues::solve(&self.coarsened(per));
         let (ahead, price) = look_ahead(self, &pairs);
         found.push(polish(ahead));
-        let known = found.iter().map(Paths::cost).fold(best_cost, f64::min);
-        let per = self.steps_of(BOUND_STEP_H);
+        // A pair that is the whole plant leaves prices nothing to coordinate.
+        if effort.proof_cells.is_none() && pairs.groups().len() < 2 {
+            return (found, None);
+        }
+        let known = found.iter().map(Paths::cost).fold(f64::INFINITY, f64::min);
+        if effort.proof_cells.is_some() {
+            per = self.steps_of(BOUND_STEP_H);
+        }
         let mean = |prices: &[f64]| prices.iter().sum::<f64>() / prices.len() as f64;
         let first_price = price.chunks(per).map(mean).collect();
-        let mut dual = dual::ascend(&self.coarsened(per), first_price, known, effort.bound_passes);
+        let mut dual = dual::ascend(&self.coarsened(per), first_price, known, effort.price_passes);
         let blocks = n_steps.div_ceil(per);
         let of_block = |k: usize| dual.request_w[k / n_steps * blocks + k % n_steps / per];
         let request_w: Vec<_> = (0..size).map(of_block).collect();
         found.push(polish(Paths::new(self, starts::carried_on(self, &request_w))));
         dual.price = (0..n_steps).map(|t| dual.price[t / per]).collect();
-        (found, Some(dual))
+        (found, Some(dual).filter(|_| effort.proof_cells.is_some()))
     }
 
     /// Schedules of several plans, each from another start `(M, T)`.
     pub(crate) fn schedules(&self, effort: PlanEffort) -> Vec<Vec<f64>> {
         let rules = Rule::ALL.iter().map(|&rule| starts::of_rule(rule, self)).collect();
-        let (found, _) = self.fresh(rules, f64::INFINITY, effort);
+        let (found, _) = self.fresh(rules, effort);
         let mut found: Vec<Vec<f64>> = found.iter().map(Paths::request_w).collect();
         found.dedup();
         found
@@ -288,9 +293,8 @@ fn each_pair(
 
 /// Rounds of moves until `cycle` of them gain too little, or the budget is used up. A plan that is carried along was tried
 /// with all moves in the steps before: where every pair has met once in vain, little is left to find.
-fn improve(paths: &mut Paths<'_>, budget: usize, turn: usize, cycle: usize) {
+fn improve(paths: &mut Paths<'_>, budget: u64, turn: usize, cycle: usize) {
     let n = paths.problem.n_strings();
-    let budget = budget as u64;
     let mut at_start = paths.cost();
     for round in turn.. {
         let cost = paths.cost();

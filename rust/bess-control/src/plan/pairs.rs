@@ -192,6 +192,14 @@ fn part_of_demand(problem: &PlanProblem<'_>, group: Group, t: usize) -> f64 {
 /// A share of a step: cost and end state for each node of a string.
 type Moves = Vec<(f32, Corners)>;
 
+/// Cost to go before a share of a step, the second string in rows, and its intermediate results: kept from step to step.
+#[derive(Debug, Clone, Default)]
+struct Shared {
+    half: Vec<f32>,
+    turned: Vec<f32>,
+    cost: Vec<f32>,
+}
+
 fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
     let n_steps = problem.n_steps();
     let first = Grid::new(problem, group.first);
@@ -209,6 +217,8 @@ fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
     }
     let mut planes = vec![end; n_steps + 1];
     let (mut moves_a, mut moves_b): (Moves, Moves) = (vec![], vec![]);
+    let nodes = vec![0.0; n_a * n_b];
+    let mut shared = vec![Shared { half: nodes.clone(), turned: nodes.clone(), cost: nodes }; SHARES + 1];
     let mut same_as: Option<usize> = None;
     for t in (0..n_steps).rev() {
         let sum_w = part_of_demand(problem, group, t);
@@ -239,54 +249,63 @@ fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
             }
         }
         let (before, after) = planes.split_at_mut(t + 1);
-        let shared =
-            |k: usize| lowest(&after[0], &moves_a[k * n_a..(k + 1) * n_a], &moves_b[k * n_b..(k + 1) * n_b]);
-        let mut all = cores::map((0..=used).collect(), shared).into_iter();
-        let mut least = all.next().unwrap_or_default();
-        for other in all {
-            least.iter_mut().zip(other).for_each(|(value, other)| *value = value.min(other));
+        let each = shared.iter_mut().take(used + 1).enumerate().collect();
+        cores::map(each, |(k, shared): (usize, &mut Shared)| {
+            lowest(&after[0], &moves_a[k * n_a..(k + 1) * n_a], &moves_b[k * n_b..(k + 1) * n_b], shared);
+        });
+        let (least, others) = shared.split_at_mut(1);
+        let least = &mut least[0].cost;
+        for other in &others[..used] {
+            least.iter_mut().zip(&other.cost).for_each(|(value, &other)| *value = value.min(other));
         }
         let now = &mut before[t];
-        transpose(&least, now, n_a);
+        transpose(least, now, n_a);
         if symmetric && shares > 0 {
-            now.iter_mut().zip(&least).for_each(|(value, &other)| *value = value.min(other));
+            now.iter_mut().zip(&*least).for_each(|(value, &other)| *value = value.min(other));
         }
     }
     PairValue { first, second, planes }
 }
 
-/// Cost to go before a share of a step, from that after it `(n_first, n_second)` and the moves of both strings; the second
-/// string in rows.
+/// Cost to go before a share of a step, from that after it `(n_first, n_second)` and the moves of both strings.
 #[allow(unsafe_code)]
-fn lowest(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)]) -> Vec<f32> {
+fn lowest(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)], shared: &mut Shared) {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
         // SAFETY: the processor has these instructions. They add and multiply as others do, so results are the same.
-        return unsafe { lowest_avx2(after, first, second) };
+        unsafe { lowest_avx2(after, first, second, shared) };
+        return;
     }
-    lowest_anywhere(after, first, second)
+    lowest_anywhere(after, first, second, shared);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 #[allow(unsafe_code)]
-unsafe fn lowest_avx2(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)]) -> Vec<f32> {
-    lowest_anywhere(after, first, second)
+unsafe fn lowest_avx2(
+    after: &[f32],
+    first: &[(f32, Corners)],
+    second: &[(f32, Corners)],
+    shared: &mut Shared,
+) {
+    lowest_anywhere(after, first, second, shared);
 }
 
 #[inline(always)]
-fn lowest_anywhere(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)]) -> Vec<f32> {
+fn lowest_anywhere(
+    after: &[f32],
+    first: &[(f32, Corners)],
+    second: &[(f32, Corners)],
+    Shared { half, turned, cost }: &mut Shared,
+) {
     let (n_a, n_b) = (first.len(), second.len());
-    let (mut half, mut turned, mut out) =
-        (vec![0f32; n_a * n_b], vec![0f32; n_a * n_b], vec![0f32; n_a * n_b]);
     for (row, &a) in half.chunks_exact_mut(n_b).zip(first) {
         interpolate(row, after, a);
     }
-    transpose(&half, &mut turned, n_b);
-    for (row, &b) in out.chunks_exact_mut(n_a).zip(second) {
-        interpolate(row, &turned, b);
+    transpose(half, turned, n_b);
+    for (row, &b) in cost.chunks_exact_mut(n_a).zip(second) {
+        interpolate(row, turned, b);
     }
-    out
 }
 
 /// The cost of a move, and the rows of `values` that it leads to.

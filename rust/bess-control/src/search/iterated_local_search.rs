@@ -23,8 +23,8 @@ const MAX_STEPS: u64 = 5_000_000;
 const PRICE_OF_FIRST_GROUP: f64 = 1e3;
 /// String-steps of the moves from each of the plan's starts.
 const STRING_STEPS_OF_MOVES: usize = 200_000;
-/// Iterations of the dual bound, whose schedule is one of these starts.
-const BOUND_PASSES: usize = 20;
+/// Iterations of the shadow prices, whose schedule is one of these starts.
+const PRICE_PASSES: usize = 20;
 /// Number of strings above which plans start from rules only: the time for dynamic programs grows with its square.
 const MAX_STRINGS_WITH_DYNAMIC_PROGRAMS: usize = 64;
 
@@ -88,8 +88,8 @@ impl ControlHorizon {
         let effort = PlanEffort {
             rollouts: 0,
             fresh_rollouts: STRING_STEPS_OF_MOVES.div_ceil(self.size()),
-            bound_passes: if n_strings > MAX_STRINGS_WITH_DYNAMIC_PROGRAMS { 0 } else { BOUND_PASSES },
-            proof_cells: 0,
+            price_passes: if n_strings > MAX_STRINGS_WITH_DYNAMIC_PROGRAMS { 0 } else { PRICE_PASSES },
+            proof_cells: None,
             turn: 0,
         };
         self.plan_problem(Losses::from_array(blended)).map_or(vec![], |problem| {

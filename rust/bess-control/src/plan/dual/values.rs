@@ -30,14 +30,20 @@ impl<'a> StringValues<'a> {
         let in_service = (0..problem.n_strings()).filter(|&m| problem.is_in_service(m));
         let (kinds, members) = kinds(in_service.clone(), |a, b| problem.alike(a, b));
         let groups = in_service.map(|first| Group { first, second: None }).collect();
-        let grids = members.iter().map(|&m| Grid::new(problem, m)).collect();
-        Self { problem, groups, kinds, grids, members, values: vec![] }
+        let grids: Vec<Grid> = members.iter().map(|&m| Grid::new(problem, m)).collect();
+        let n_steps = problem.n_steps();
+        let nodes = |grid: &Grid| Values {
+            cost: vec![0.0; (n_steps + 1) * 2 * grid.size()],
+            choice: vec![0; n_steps * 2 * grid.size()],
+        };
+        let values = grids.iter().map(nodes).collect();
+        Self { problem, groups, kinds, grids, members, values }
     }
 
     /// Solves every kind of string backwards at prices `(T,)` [cost/Wh].
     pub(super) fn solve(&mut self, price: &[f64]) {
-        let kinds = (0..self.grids.len()).collect();
-        self.values = cores::map(kinds, |kind| self.backwards(kind, price));
+        let values = std::mem::take(&mut self.values).into_iter().enumerate().collect();
+        self.values = cores::map(values, |(kind, values)| self.backwards(kind, price, values));
     }
 
     /// The request of a string is at most the demand [W].
@@ -45,12 +51,12 @@ impl<'a> StringValues<'a> {
         self.problem.demand_w[t].min(self.problem.limit_w(m, t))
     }
 
-    fn backwards(&self, kind: usize, price: &[f64]) -> Values {
+    /// Overwrites all values of an earlier solution.
+    fn backwards(&self, kind: usize, price: &[f64], mut values: Values) -> Values {
         let (problem, grid, m) = (self.problem, &self.grids[kind], self.members[kind]);
         let (n_steps, size) = (problem.n_steps(), grid.size());
         let string = &problem.model.strings()[m];
-        let mut planes = vec![0.0; (n_steps + 1) * 2 * size];
-        let mut choice = vec![0; n_steps * 2 * size];
+        let Values { cost: planes, choice } = &mut values;
         for (node, value) in planes[n_steps * 2 * size..].iter_mut().enumerate() {
             let soc = grid.soc.at((node % size / TEMPERATURE_NODES) as f64);
             *value = problem.end_cost(m, StringState { soc, temperature_c: 25.0 });
@@ -129,7 +135,7 @@ impl<'a> StringValues<'a> {
                 choice_on[node] = if on < off { choice_on[node] } else { 0 };
             }
         }
-        Values { cost: planes, choice }
+        values
     }
 
     /// Power of all strings of a kind with their best moves `(T,)` [W]: the weights of their states on the nodes, moved forwards.
@@ -271,15 +277,14 @@ mod tests {
         let price: Vec<f64> = (0..12).map(|t| 1e-4 * f64::from(t % 4)).collect();
         let mut values = StringValues::new(&problem);
         values.solve(&price);
-        let slope = values.slope();
-        for t in 0..12 {
+        for (t, slope) in values.slope().into_iter().enumerate() {
             let mut bound = |change: f64| {
                 let price: Vec<f64> = (0..12).map(|s| price[s] + if s == t { change } else { 0.0 }).collect();
                 values.solve(&price);
                 values.bound(&price)
             };
             let expected = (bound(1e-10) - bound(-1e-10)) / 2e-10;
-            assert!((slope[t] - expected).abs() < 1.0, "step {t}: {} and {expected}", slope[t]);
+            assert!((slope - expected).abs() < 1.0, "step {t}: {slope} and {expected}");
         }
     }
 }
