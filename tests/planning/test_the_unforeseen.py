@@ -65,8 +65,9 @@ def test_outages_and_limits_that_nobody_foresaw_cost_no_more_than_under_soc(
 ) -> None:
     study = outages("mpc", **{"demand.forecast": forecast})
     kpis = bess.run(study, progress=False).kpis
-    # What is delivered depends on which string fails: a claim about the mean of many draws, below.
     assert cost_kwh(kpis) < cost_kwh(soc)
+    # Which string fails is luck: up to a thousandth of the demand.
+    assert kpis["delivered_kwh"] >= 0.999 * soc["delivered_kwh"]
 
 
 def drawn(seed: int, forecast: str) -> dict[str, Any]:

@@ -27,7 +27,7 @@ _PLANT_S: Final = 0.25e-6
 _ROLLOUT_S: Final = 0.13e-6
 """A step of a string in a plan, for each roll-out."""
 _RESTARTS: Final = 1.25
-"""Roll-outs of all calls over those of calls without a restart."""
+"""Work of all calls over that of calls without a restart."""
 _SHARED_S: Final = 4.5e-6
 """A step of a string in a plan of groups: rules, and shares of the power of its group."""
 _BOUND_S: Final = 0.1
