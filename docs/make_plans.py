@@ -3,7 +3,7 @@
 The demand is the bundled two-cycle day, in proportion to the strings; cost is 3 x undelivered + losses [kWh].
 """
 
-import resource
+import re
 import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -97,7 +97,9 @@ def lost_pct(n_strings: int, policy: str) -> tuple[float, float, float]:
     kpis = bess.run(study, progress=False).kpis
     cpu_s = time.process_time() - started
     lost = 100.0 * kpis["lost_kwh"] / kpis["demand_kwh"]
-    return lost, cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    # `getrusage` would give the peak of the parent, from which a process is forked, if that is higher.
+    peak_kb = re.search(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text(encoding="utf-8"))
+    return lost, cpu_s, float(peak_kb[1]) / 1e3 if peak_kb else float("nan")
 
 
 def plan_lengths() -> list[list[str]]:
