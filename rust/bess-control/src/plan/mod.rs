@@ -93,7 +93,7 @@ pub struct Plan {
 
 impl PlanProblem<'_> {
     /// Plans: the plan `previous` `(M, T)` [W] (magnitudes; made to fit where demand or limits have changed), or, where it
-    /// is missing or costs more, the best rule's schedule, improved by a local search.
+    /// is missing or costs more, the best rule's schedule, improved by a local search; in a restart, the best of several starts.
     pub fn plan(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> Plan {
         let (mut plan, price) = self.priced(previous, effort);
         plan.bound =
@@ -180,7 +180,8 @@ impl PlanProblem<'_> {
         starts: Vec<Paths<'p>>,
         effort: PlanEffort,
     ) -> (Vec<Paths<'p>>, Option<dual::Dual>) {
-        let (n_steps, size) = (self.n_steps(), self.n_strings() * self.n_steps());
+        let (n_steps, size, bounded) =
+            (self.n_steps(), self.n_strings() * self.n_steps(), effort.proof_cells.is_some());
         let every_move = pair::rounds(self.n_strings()).max(blocks::LENGTHS.len());
         let polish = |mut fresh: Paths<'p>| {
             improve(&mut fresh, (effort.fresh_rollouts * size) as u64, effort.turn, every_move);
@@ -195,11 +196,11 @@ impl PlanProblem<'_> {
         let (ahead, price) = look_ahead(self, &pairs);
         found.push(polish(ahead));
         // A pair that is the whole plant leaves prices nothing to coordinate.
-        if effort.proof_cells.is_none() && pairs.groups().len() < 2 {
+        if !bounded && pairs.groups().len() < 2 {
             return (found, None);
         }
         let known = found.iter().map(Paths::cost).fold(f64::INFINITY, f64::min);
-        if effort.proof_cells.is_some() {
+        if bounded {
             per = self.steps_of(BOUND_STEP_H);
         }
         let mean = |prices: &[f64]| prices.iter().sum::<f64>() / prices.len() as f64;
@@ -210,7 +211,7 @@ impl PlanProblem<'_> {
         let request_w: Vec<_> = (0..size).map(of_block).collect();
         found.push(polish(Paths::new(self, starts::carried_on(self, &request_w))));
         dual.price = (0..n_steps).map(|t| dual.price[t / per]).collect();
-        (found, Some(dual).filter(|_| effort.proof_cells.is_some()))
+        (found, bounded.then_some(dual))
     }
 
     /// Schedules of several plans, each from another start `(M, T)`.

@@ -193,7 +193,7 @@ fn part_of_demand(problem: &PlanProblem<'_>, group: Group, t: usize) -> f64 {
 type Moves = Vec<(f32, Corners)>;
 
 /// Cost to go before a share of a step, the second string in rows, and its intermediate results: kept from step to step.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 struct Shared {
     half: Vec<f32>,
     turned: Vec<f32>,
