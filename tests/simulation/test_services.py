@@ -325,11 +325,11 @@ def test_peak_shaving_keeps_the_peak_that_perfect_foresight_could() -> None:
 def test_whatever_round_trip_is_assumed_plans_behind_a_meter_lose_the_same_and_less_than_equal() -> None:
     """With 0.85 they wasted energy to make room for charging that never came: 205 kWh lost, `equal` 195.
 
-    The target of peak shaving depends on the setting, and the error of its forecast grows with the horizon:
-    5.6 % with 30 h, 3.2 % with 24 h.
+    The target of peak shaving depends on the setting, and the error of its forecast grows with the horizon.
+    At the target of 0.85, 9.6 kWh cannot be delivered, at the others less than 1: 6.5 % with 30 h.
     """
     settings = (0.85, 0.9, 0.94)
-    for service, spread in (("peak-shaving", 0.06), ("self-consumption", 0.02)):
+    for service, spread in (("peak-shaving", 0.07), ("self-consumption", 0.02)):
         lost = {
             policy: [
                 outcome(service, policy__name=policy, demand__efficiency=setting).kpis["lost_kwh"]
