@@ -147,16 +147,18 @@ impl PlanProblem<'_> {
         let mut starts = cores::map(Rule::ALL.to_vec(), |rule| starts::of_rule(rule, problem));
         starts.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         let rule_cost = starts[0].cost();
-        // Several rules give the same schedule for identical strings.
-        starts.dedup_by(|a, b| a.request_w() == b.request_w());
+        let mut replaced_work = 0;
         let carried = carried.map(|request_w| Paths::new(problem, request_w));
         if let Some(carried) = carried.filter(|carried| carried.cost() <= rule_cost) {
+            replaced_work = starts.iter().map(|rule| rule.work).sum();
             starts = vec![carried];
         }
         let (mut dual, mut cycle) = (None, pair::rounds(self.n_strings()));
         if effort.fresh_rollouts > 0 {
+            // Several rules give the same schedule for identical strings.
+            starts.dedup_by(|a, b| a.request_w() == b.request_w());
             (starts, dual) = problem.fresh(starts, effort);
-            cycle = cycle.max(blocks::LENGTHS.len());
+            cycle = problem.cycle_of_all_moves();
         }
         let mut best = starts.into_iter().reduce(cheaper).unwrap_or_else(|| unreachable!("a rule at least"));
         let budget = best.work + (effort.rollouts * size) as u64;
@@ -166,7 +168,7 @@ impl PlanProblem<'_> {
             rule_cost,
             search_bound: dual.as_ref().map(|dual| dual.bound),
             bound: None,
-            rollouts: (best.work as usize).div_ceil(size.max(1)),
+            rollouts: ((replaced_work + best.work) as usize).div_ceil(size.max(1)),
             start_charge: start_charge(&mut best),
             request_w: best.request_w(),
         };
@@ -182,9 +184,9 @@ impl PlanProblem<'_> {
     ) -> (Vec<Paths<'p>>, Option<dual::Dual>) {
         let (n_steps, size, bounded) =
             (self.n_steps(), self.n_strings() * self.n_steps(), effort.proof_cells.is_some());
-        let every_move = pair::rounds(self.n_strings()).max(blocks::LENGTHS.len());
+        let cycle = self.cycle_of_all_moves();
         let polish = |mut fresh: Paths<'p>| {
-            improve(&mut fresh, (effort.fresh_rollouts * size) as u64, effort.turn, every_move);
+            improve(&mut fresh, (effort.fresh_rollouts * size) as u64, effort.turn, cycle);
             fresh
         };
         let mut found = cores::map(starts, polish);
@@ -212,6 +214,11 @@ impl PlanProblem<'_> {
         found.push(polish(Paths::new(self, starts::carried_on(self, &request_w))));
         dual.price = (0..n_steps).map(|t| dual.price[t / per]).collect();
         (found, bounded.then_some(dual))
+    }
+
+    /// Rounds in which every pair meets and every length of blocks is tried.
+    fn cycle_of_all_moves(&self) -> usize {
+        pair::rounds(self.n_strings()).max(blocks::LENGTHS.len())
     }
 
     /// Schedules of several plans, each from another start `(M, T)`.
