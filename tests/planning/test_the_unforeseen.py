@@ -98,7 +98,7 @@ def measured(policy: str, seed: int, forecast: str, announced: bool = False) -> 
 
 
 def test_announced_outages_cost_less_than_under_every_rule_and_than_unannounced_ones() -> None:
-    for seed in range(4):
+    for seed in range(6):
         rules = [measured(name, seed, "perfect") for name in RULES]
         known = measured("mpc", seed, "perfect", announced=True)
         assert cost_kwh(known) < min(map(cost_kwh, rules)), seed
@@ -111,7 +111,7 @@ def test_in_the_mean_of_random_outages_mpc_costs_a_fifth_less_and_delivers_more_
     forecast: str,
 ) -> None:
     """Which string fails is luck, so the claim is one of the mean: -34 % and -28 % over 24 other draws."""
-    runs = [[measured(name, seed, forecast) for name in ("mpc", "soc")] for seed in range(6)]
+    runs = [[measured(name, seed, forecast) for name in ("mpc", "soc")] for seed in range(8)]
     assert np.mean([cost_kwh(mpc) / cost_kwh(soc) for mpc, soc in runs]) < 0.8
     assert sum(mpc["delivered_kwh"] - soc["delivered_kwh"] for mpc, soc in runs) > 0.0
 
