@@ -27,6 +27,7 @@ mod reach;
 mod reactive;
 mod rules;
 mod search;
+mod widest;
 
 pub use dispatch::{DispatchBlock, DispatchProblem, Store, StoreGrid, StoreState};
 pub use explicit::{ExplicitLaw, Measured, Tables, DECISION, N_FEATURES, N_WEIGHTS};

@@ -1,10 +1,16 @@
 //! The grid of SOC and temperature of identical strings, and their moves between its nodes.
+//!
+//! A step first heats a string and then cools it, both in one operation of the control model:
+//! `T' = (1 - k2 dt) (T + k1 dt Q / (1 - k2 dt)) + k2 dt T_ambient`. Where heat leads is the same in each step, and where cooling
+//! leads is the same for each move, so that neither has to be looked up again for each step and move.
 
+use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::Direction;
 
-use crate::model::{Losses, Range, StringModel, StringState};
+use crate::model::{Interval, Losses, Range, StringModel, StringState};
 use crate::plan::problem::PlanProblem;
 use crate::plan::soc_nodes::SocNodes;
+use crate::widest::widest;
 
 /// SOC change of a step at full power [nodes].
 const NODES_PER_STEP: f64 = 10.0;
@@ -13,16 +19,36 @@ const SOC_NODES: (usize, usize) = (40, 400);
 pub(super) const TEMPERATURE_NODES: usize = 28;
 /// Margin of the grid above the hottest string without derating [K].
 const WARMING_K: f64 = 35.0;
+/// Least share of its temperature that a string keeps in a step.
+const MIN_KEPT: f64 = 0.1;
 
-/// Four successive temperature nodes and their weights (cubic convolution; linear at the ends).
-pub(super) type Stencil = (usize, [f64; 4]);
+/// Values at the temperature nodes of one SOC.
+pub(super) type Row<T = f64> = [T; TEMPERATURE_NODES];
 
-/// Moves of a string from every node, in one direction; arrays `(steps of SOC, soc, n_temperature)`, from none on.
+/// A row with the nodes below and above the grid that bands reach, which have the value of its first and last node.
+pub(super) type Padded = [f64; PADDED];
+pub(super) const PADDED: usize = 3 * TEMPERATURE_NODES + 4;
+
+/// Nodes below the grid in a padded row.
+const BELOW: usize = TEMPERATURE_NODES + 1;
+
+/// Interpolation in a row from each of its nodes: the weights of the nodes of a padded row `low` places after the node, and on.
+#[derive(Default)]
+pub(super) struct Band {
+    low: usize,
+    weights: Vec<Row>,
+}
+
+/// Moves of a string from every node, in one direction; rows `(steps of SOC, soc)`, from none on.
 #[derive(Default)]
 pub(super) struct Moves {
-    pub(super) request_w: Vec<f64>,
-    pub(super) losses: Vec<Losses>,
-    pub(super) current_a: Vec<f64>,
+    pub(super) request_w: Vec<Row>,
+    inverter_w: Vec<Row>,
+    battery_w: Vec<Row>,
+    /// Where the heat of the battery leads.
+    pub(super) heated: Vec<Band>,
+    /// Of each number of steps of SOC.
+    current_a: Vec<f64>,
 }
 
 /// The grid of identical strings.
@@ -30,8 +56,71 @@ pub(super) struct Grid {
     pub(super) soc: SocNodes,
     coolest_c: f64,
     temperature_step_k: f64,
+    dt_h: f64,
+    derating: Row,
     charge: Moves,
     discharge: Moves,
+}
+
+/// Weights of four successive nodes at a place between the second and the third: linear in the first and the last cell of the grid
+/// and beyond, and cubic convolution elsewhere (Keys, IEEE Trans. ASSP 29, 1153, 1981).
+fn weights(place: f64) -> [f64; 4] {
+    let b = place - place.floor();
+    if place < 1.0 || place >= (TEMPERATURE_NODES - 2) as f64 {
+        return [0.0, 1.0 - b, b, 0.0];
+    }
+    let (b2, b3) = (b * b, b * b * b);
+    [-0.5 * b + b2 - 0.5 * b3, 1.0 - 2.5 * b2 + 1.5 * b3, 0.5 * b + 2.0 * b2 - 1.5 * b3, -0.5 * b2 + 0.5 * b3]
+}
+
+impl Band {
+    /// From changes of each node [nodes]. Beyond the width of the grid, all are the same.
+    fn new(change: Row) -> Self {
+        let width = TEMPERATURE_NODES as f64;
+        let shifted = change.map(|nodes| nodes.clamp(-width, width) + BELOW as f64 - 1.0);
+        let low = shifted.iter().copied().fold(f64::INFINITY, f64::min) as usize;
+        let high = shifted.iter().copied().fold(0.0, f64::max) as usize;
+        let mut rows = vec![[0.0; TEMPERATURE_NODES]; high - low + 4];
+        for (j, shifted) in shifted.into_iter().enumerate() {
+            let place = shifted + (j + 1) as f64 - BELOW as f64;
+            for (n, weight) in weights(place).into_iter().enumerate() {
+                rows[shifted as usize - low + n][j] = weight;
+            }
+        }
+        Self { low, weights: rows }
+    }
+
+    #[inline(always)]
+    fn along(&self, padded: &Padded) -> Row {
+        let mut sum = [0.0; TEMPERATURE_NODES];
+        for (n, weights) in self.weights.iter().enumerate() {
+            let from = &padded[self.low + n..][..TEMPERATURE_NODES];
+            for j in 0..TEMPERATURE_NODES {
+                sum[j] += weights[j] * from[j];
+            }
+        }
+        sum
+    }
+
+    /// Adds a share of the node `j` to the nodes that it leads to: the transposed of [`Self::along`] a padded row.
+    pub(super) fn spread(&self, j: usize, share: f64, row: &mut Row) {
+        for (n, weights) in self.weights.iter().enumerate() {
+            row[inside(self.low + n + j, BELOW)] += share * weights[j];
+        }
+    }
+}
+
+/// The node of the grid with the value of a node `below` nodes farther up.
+fn inside(node: usize, below: usize) -> usize {
+    node.saturating_sub(below).min(TEMPERATURE_NODES - 1)
+}
+
+#[inline(always)]
+fn pad(row: &Row) -> Padded {
+    let mut padded = [row[0]; PADDED];
+    padded[BELOW..][..TEMPERATURE_NODES].copy_from_slice(row);
+    padded[BELOW + TEMPERATURE_NODES..].fill(row[TEMPERATURE_NODES - 1]);
+    padded
 }
 
 impl Grid {
@@ -49,11 +138,14 @@ impl Grid {
             soc: SocNodes::of(string, cells),
             coolest_c,
             temperature_step_k,
+            dt_h,
+            derating: [0.0; TEMPERATURE_NODES],
             charge: Moves::default(),
             discharge: Moves::default(),
         };
-        grid.charge = grid.moves(string, Direction::Charge, dt_h);
-        grid.discharge = grid.moves(string, Direction::Discharge, dt_h);
+        grid.derating = std::array::from_fn(|j| factor.at(grid.temperature_c(j)));
+        grid.charge = grid.moves(string, Direction::Charge);
+        grid.discharge = grid.moves(string, Direction::Discharge);
         grid
     }
 
@@ -61,53 +153,51 @@ impl Grid {
     /// infinite request. Moves whose internal power is below the no-load loss have a request below 0, straight on from the
     /// table: requests between it and that of the next move exist. The first move from each node above nominal power is kept for
     /// the same reason.
-    fn moves(&self, string: &StringModel, direction: Direction, dt_h: f64) -> Moves {
+    fn moves(&self, string: &StringModel, direction: Direction) -> Moves {
         let p = &string.parameters;
         let curve = string.loss(direction);
         let highest_w = curve.at(string.nominal_w()).1;
         let no_load_w = curve.internal_w(0.0, curve.at(0.0).0);
         let mut out = Moves::default();
         for k in 0.. {
-            let current_a = self.soc.step * k as f64 * p.capacity_ah / dt_h;
+            let current_a = self.soc.step * k as f64 * p.capacity_ah / self.dt_h;
             let mut any = false;
-            for (i, j) in (0..self.soc.len).flat_map(|i| (0..TEMPERATURE_NODES).map(move |j| (i, j))) {
-                let mut request_w = f64::INFINITY;
-                let mut losses = Losses::default();
+            for i in 0..self.soc.len {
+                let mut request_w = [f64::INFINITY; TEMPERATURE_NODES];
+                let [mut inverter_w, mut battery_w] = [[0.0; TEMPERATURE_NODES]; 2];
                 if let Some(to) = self.soc.after(direction, i, k) {
-                    let at = |share: f64| {
-                        let soc = self.soc.at(i as f64 + share * (to as f64 - i as f64));
-                        string.coefficients(
-                            direction,
-                            StringState { soc, temperature_c: self.temperature_c(j) },
-                        )
-                    };
-                    let (start, middle, end) = (at(0.0), at(0.5), at(1.0));
-                    let mean = |a: f64, b: f64, c: f64| (a + 4.0 * b + c) / 6.0;
-                    let volt = mean(start.voltage_v, middle.voltage_v, end.voltage_v);
-                    let ohm = mean(start.resistance_ohm, middle.resistance_ohm, end.resistance_ohm);
-                    let heat_w = ohm * current_a * current_a;
-                    let internal_w = volt * current_a - direction.sign() * heat_w;
-                    let has_root = direction == Direction::Charge || 2.0 * ohm * current_a <= volt;
-                    let allowed = p.voltage_allows(direction, volt, ohm * current_a);
-                    if has_root && allowed && middle.derating > 0.0 {
-                        let power_w = match internal_w - no_load_w {
-                            below_w if below_w < 0.0 => below_w,
-                            _ => curve.largest_power(internal_w) + (internal_w - highest_w).max(0.0),
+                    for j in 0..TEMPERATURE_NODES {
+                        let at = |share: f64| {
+                            let soc = self.soc.at(i as f64 + share * (to as f64 - i as f64));
+                            let state = StringState { soc, temperature_c: self.temperature_c(j) };
+                            string.coefficients(direction, state)
                         };
-                        request_w = power_w / middle.derating;
-                        any |= request_w <= string.nominal_w();
-                        losses = Losses {
-                            availability: 0.0,
-                            derating: request_w - power_w,
-                            inverter: curve.at(power_w.max(0.0)).0,
-                            battery: heat_w,
-                        };
+                        let (start, middle, end) = (at(0.0), at(0.5), at(1.0));
+                        let mean = |a: f64, b: f64, c: f64| (a + 4.0 * b + c) / 6.0;
+                        let volt = mean(start.voltage_v, middle.voltage_v, end.voltage_v);
+                        let ohm = mean(start.resistance_ohm, middle.resistance_ohm, end.resistance_ohm);
+                        let heat_w = ohm * current_a * current_a;
+                        let internal_w = volt * current_a - direction.sign() * heat_w;
+                        let has_root = direction == Direction::Charge || 2.0 * ohm * current_a <= volt;
+                        let allowed = p.voltage_allows(direction, volt, ohm * current_a);
+                        if has_root && allowed && self.derating[j] > 0.0 {
+                            let power_w = match internal_w - no_load_w {
+                                below_w if below_w < 0.0 => below_w,
+                                _ => curve.largest_power(internal_w) + (internal_w - highest_w).max(0.0),
+                            };
+                            request_w[j] = power_w / self.derating[j];
+                            any |= request_w[j] <= string.nominal_w();
+                            inverter_w[j] = curve.at(power_w.max(0.0)).0;
+                            battery_w[j] = heat_w;
+                        }
                     }
                 }
                 out.request_w.push(request_w);
-                out.losses.push(losses);
-                out.current_a.push(current_a);
+                out.inverter_w.push(inverter_w);
+                out.heated.push(self.heated(string, &battery_w));
+                out.battery_w.push(battery_w);
             }
+            out.current_a.push(current_a);
             if !any {
                 break;
             }
@@ -115,43 +205,119 @@ impl Grid {
         out
     }
 
-    pub(super) fn moves_in(&self, direction: Direction) -> &Moves {
-        direction.pick(&self.charge, &self.discharge)
+    /// Where the heat of a row of moves leads, before it cools.
+    fn heated(&self, string: &StringModel, battery_w: &Row) -> Band {
+        let lumped = &string.parameters.lumped;
+        let dt_s = self.dt_h * SECONDS_PER_HOUR;
+        let kept = (1.0 - dt_s * lumped.k2_per_s).max(MIN_KEPT);
+        let nodes_per_w = dt_s * lumped.k1_k_per_j / kept / self.temperature_step_k;
+        Band::new(battery_w.map(|heat_w| nodes_per_w * heat_w))
     }
 
-    pub(super) fn size(&self) -> usize {
-        self.soc.len * TEMPERATURE_NODES
+    /// Where an idle step leads.
+    pub(super) fn cooled(&self, string: &StringModel, interval: &Interval) -> Band {
+        let change_k = |j| {
+            let from_c = self.temperature_c(j);
+            string.warmed(from_c, 0.0, interval) - from_c
+        };
+        Band::new(std::array::from_fn(|j| change_k(j) / self.temperature_step_k))
+    }
+
+    pub(super) fn moves_in(&self, direction: Direction) -> &Moves {
+        direction.pick(&self.charge, &self.discharge)
     }
 
     pub(super) fn temperature_c(&self, j: usize) -> f64 {
         self.coolest_c + self.temperature_step_k * j as f64
     }
 
-    pub(super) fn stencil(&self, temperature_c: f64) -> Stencil {
+    /// Nodes at a temperature and their weights; beyond the ends of the grid, those of its ends.
+    pub(super) fn nodes(&self, temperature_c: f64) -> [(usize, f64); 4] {
         let last = TEMPERATURE_NODES - 1;
-        let y = ((temperature_c - self.coolest_c) / self.temperature_step_k).clamp(0.0, last as f64);
-        let j = (y as usize).min(last - 1);
-        let b = y - j as f64;
-        if j == 0 || j == last - 1 {
-            let base = if j == 0 { 0 } else { last - 3 };
-            let mut weights = [0.0; 4];
-            weights[j - base] = 1.0 - b;
-            weights[j - base + 1] = b;
-            return (base, weights);
-        }
-        let (b2, b3) = (b * b, b * b * b);
-        let weights = [
-            -0.5 * b + b2 - 0.5 * b3,
-            1.0 - 2.5 * b2 + 1.5 * b3,
-            0.5 * b + 2.0 * b2 - 1.5 * b3,
-            -0.5 * b2 + 0.5 * b3,
-        ];
-        (j - 1, weights)
+        let at = ((temperature_c - self.coolest_c) / self.temperature_step_k).clamp(0.0, last as f64);
+        let mut n = at as usize;
+        weights(at).map(|weight| {
+            n += 1;
+            (inside(n - 1, 1), weight)
+        })
     }
 }
 
-#[inline]
-pub(super) fn along(row: &[f64], (base, w): &Stencil) -> f64 {
-    let r = &row[*base..*base + 4];
-    w[0] * r[0] + w[1] * r[1] + w[2] * r[2] + w[3] * r[3]
+/// A step of the dynamic program.
+pub(super) struct Step<'a> {
+    pub(super) direction: Direction,
+    /// Prices of losses [cost/Wh], of current [cost/Ah], of a start and of the power [cost/Wh].
+    pub(super) losses: &'a Losses,
+    pub(super) wear: f64,
+    pub(super) start: f64,
+    pub(super) price: f64,
+    /// Maximum request [W].
+    pub(super) cap_w: f64,
+    pub(super) cooled: &'a Band,
+}
+
+widest! {
+    /// Costs to go and best moves of strings that are off, then of those that run, from the costs to go after the step; rows
+    /// `(off or on, soc)`. A move between two nodes covers a request between theirs. `heated` is overwritten.
+    pub(super) fn step_back(
+        grid: &Grid,
+        step: &Step<'_>,
+        after: &[Row],
+        heated: &mut [Padded],
+        now: &mut [Row],
+        choice: &mut [Row<u16>],
+    ) {
+        let n_soc = grid.soc.len;
+        let &Step { direction, losses, price, cap_w, cooled, .. } = step;
+        let moves = grid.moves_in(direction);
+        let (after_off, after_on) = after.split_at(n_soc);
+        for (heated, after) in heated.iter_mut().zip(after_on) {
+            *heated = pad(&cooled.along(&pad(after)));
+        }
+        let per_w = grid.derating.map(|factor| grid.dt_h * (losses.derating * (1.0 - factor) - price));
+        let [inverter, battery, wear] = [losses.inverter, losses.battery, step.wear].map(|price| grid.dt_h * price);
+        let (now_off, now_on) = now.split_at_mut(n_soc);
+        let (choice_off, choice_on) = choice.split_at_mut(n_soc);
+        for i in 0..n_soc {
+            let (mut best, mut steps) = ([f64::INFINITY; TEMPERATURE_NODES], [0.0; TEMPERATURE_NODES]);
+            let (mut shorter_w, mut shorter) = (&[f64::NEG_INFINITY; TEMPERATURE_NODES], best);
+            for (k, current_a) in moves.current_a.iter().enumerate() {
+                if cap_w <= 0.0 || shorter_w.iter().all(|&w| w >= cap_w) {
+                    break;
+                }
+                let Some(to) = grid.soc.after(direction, i, k) else { break };
+                let row = k * n_soc + i;
+                let (longer_w, inverter_w, battery_w) =
+                    (&moves.request_w[row], &moves.inverter_w[row], &moves.battery_w[row]);
+                let mut longer = moves.heated[row].along(&heated[to]);
+                for j in 0..TEMPERATURE_NODES {
+                    longer[j] += per_w[j] * longer_w[j] + inverter * inverter_w[j] + battery * battery_w[j] + wear * current_a;
+                }
+                let mut value = longer;
+                if longer_w.iter().any(|&w| w > cap_w) {
+                    for j in 0..TEMPERATURE_NODES {
+                        let share = (cap_w - shorter_w[j]) / (longer_w[j] - shorter_w[j]);
+                        let between = shorter[j] + share * (longer[j] - shorter[j]);
+                        let exists = (shorter_w[j] < cap_w) & (longer_w[j] < f64::INFINITY);
+                        let between = if exists { between } else { f64::INFINITY };
+                        value[j] = if longer_w[j] <= cap_w { longer[j] } else { between };
+                    }
+                }
+                for j in 0..TEMPERATURE_NODES {
+                    let better = (longer_w[j] > 0.0) & (value[j] < best[j]);
+                    best[j] = if better { value[j] } else { best[j] };
+                    steps[j] = if better { k as f64 } else { steps[j] };
+                }
+                (shorter_w, shorter) = (longer_w, longer);
+            }
+            let off = cooled.along(&pad(&after_off[i]));
+            for j in 0..TEMPERATURE_NODES {
+                let started = best[j] + step.start;
+                now_off[i][j] = off[j].min(started);
+                now_on[i][j] = off[j].min(best[j]);
+                choice_off[i][j] = if started < off[j] { steps[j] as u16 } else { 0 };
+                choice_on[i][j] = if best[j] < off[j] { steps[j] as u16 } else { 0 };
+            }
+        }
+    }
 }

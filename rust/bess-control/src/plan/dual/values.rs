@@ -1,17 +1,22 @@
 //! Costs to go of strings at prices of the balance, and the power that is cheapest at these prices.
 
-use super::grid::{along, Grid, Stencil, TEMPERATURE_NODES};
+use super::grid::{step_back, Grid, Padded, Row, Step, PADDED, TEMPERATURE_NODES};
 use crate::cores;
 use crate::model::StringState;
 use crate::plan::look_ahead::{CostToGo, Group};
 use crate::plan::problem::{kinds, PlanProblem};
 
+/// Weight of a node, in strings, below which it is neglected.
+const NEGLIGIBLE: f64 = 1e-7;
+
+const NONE: Padded = [0.0; PADDED];
+
 /// The dynamic program of strings of one kind.
 struct Values {
-    /// Costs to go `(T + 1, off or on, soc, n_temperature)`.
-    cost: Vec<f64>,
-    /// Best moves `(T, off or on, soc, n_temperature)` in steps of SOC; 0 = off.
-    choice: Vec<u16>,
+    /// Costs to go, rows `(T + 1, off or on, soc)`.
+    cost: Vec<Row>,
+    /// Best moves in steps of SOC, rows `(T, off or on, soc)`; 0 = off.
+    choice: Vec<Row<u16>>,
 }
 
 /// Dynamic programs of all kinds of strings.
@@ -33,8 +38,8 @@ impl<'a> StringValues<'a> {
         let grids: Vec<Grid> = members.iter().map(|&m| Grid::new(problem, m)).collect();
         let n_steps = problem.n_steps();
         let nodes = |grid: &Grid| Values {
-            cost: vec![0.0; (n_steps + 1) * 2 * grid.size()],
-            choice: vec![0; n_steps * 2 * grid.size()],
+            cost: vec![[0.0; TEMPERATURE_NODES]; (n_steps + 1) * 2 * grid.soc.len],
+            choice: vec![[0; TEMPERATURE_NODES]; n_steps * 2 * grid.soc.len],
         };
         let values = grids.iter().map(nodes).collect();
         Self { problem, groups, kinds, grids, members, values }
@@ -54,86 +59,26 @@ impl<'a> StringValues<'a> {
     /// Overwrites all values of an earlier solution.
     fn backwards(&self, kind: usize, price: &[f64], mut values: Values) -> Values {
         let (problem, grid, m) = (self.problem, &self.grids[kind], self.members[kind]);
-        let (n_steps, size) = (problem.n_steps(), grid.size());
+        let (n_steps, n_soc) = (problem.n_steps(), grid.soc.len);
         let string = &problem.model.strings()[m];
-        let Values { cost: planes, choice } = &mut values;
-        for (node, value) in planes[n_steps * 2 * size..].iter_mut().enumerate() {
-            let soc = grid.soc.at((node % size / TEMPERATURE_NODES) as f64);
-            *value = problem.end_cost(m, StringState { soc, temperature_c: 25.0 });
+        for (i, row) in values.cost[n_steps * 2 * n_soc..].iter_mut().enumerate() {
+            let soc = grid.soc.at((i % n_soc) as f64);
+            *row = [problem.end_cost(m, StringState { soc, temperature_c: 25.0 }); TEMPERATURE_NODES];
         }
-        // End temperatures and costs of moves in each direction, shared by identical steps.
-        let mut led: [Option<(usize, Vec<Stencil>)>; 2] = [None, None];
-        let mut priced: [Option<(usize, Vec<f64>)>; 2] = [None, None];
+        let mut heated = vec![NONE; n_soc];
         for t in (0..n_steps).rev() {
-            let interval = &problem.intervals[t];
-            let (which, moves) = (interval.direction.pick(0, 1), grid.moves_in(interval.direction));
-            let after = |temperature_c: f64, heat_w: f64| {
-                grid.stencil(string.warmed(temperature_c, heat_w, interval))
+            let (before, after) = values.cost.split_at_mut((t + 1) * 2 * n_soc);
+            let step = Step {
+                direction: problem.intervals[t].direction,
+                losses: &problem.prices.losses[t],
+                wear: problem.prices.wear[m],
+                start: problem.prices.start,
+                price: price[t],
+                cap_w: self.cap_w(m, t),
+                cooled: &grid.cooled(string, &problem.intervals[t]),
             };
-            let all = 0..moves.request_w.len();
-            if !led[which].as_ref().is_some_and(|(s, _)| problem.intervals[*s] == *interval) {
-                let to = |x: usize| after(grid.temperature_c(x % TEMPERATURE_NODES), moves.losses[x].battery);
-                led[which] = Some((t, all.clone().map(to).collect()));
-            }
-            let same_price = |s: usize| problem.prices.losses[s] == problem.prices.losses[t];
-            if !priced[which].as_ref().is_some_and(|(s, _)| same_price(*s)) {
-                let rate = |x: usize| moves.losses[x].cost(&problem.prices.losses[t]);
-                let cost = |x: usize| interval.dt_h * (rate(x) + problem.prices.wear[m] * moves.current_a[x]);
-                priced[which] = Some((t, all.map(cost).collect()));
-            }
-            let (before, later) = planes.split_at_mut((t + 1) * 2 * size);
-            let (next_off, next_on) = later[..2 * size].split_at(size);
-            let (now_off, now_on) = before[t * 2 * size..].split_at_mut(size);
-            let (choice_off, choice_on) = choice[2 * t * size..2 * (t + 1) * size].split_at_mut(size);
-            now_on.fill(f64::INFINITY);
-            let cap_w = self.cap_w(m, t);
-            let price = price[t] * interval.dt_h;
-            if let (true, Some((_, to_c)), Some((_, cost))) = (cap_w > 0.0, &led[which], &priced[which]) {
-                let request_w = &moves.request_w;
-                let value = |at: usize, to: usize| {
-                    let row = &next_on[to * TEMPERATURE_NODES..(to + 1) * TEMPERATURE_NODES];
-                    cost[at] - price * request_w[at] + along(row, &to_c[at])
-                };
-                let ends = |k: usize| {
-                    let to = move |i: usize| grid.soc.after(interval.direction, i, k);
-                    (0..grid.soc.len).filter_map(move |i| Some((k, i, to(i)?)))
-                };
-                for (k, i, to) in (1..request_w.len() / size).flat_map(ends) {
-                    for node in i * TEMPERATURE_NODES..(i + 1) * TEMPERATURE_NODES {
-                        let at = k * size + node;
-                        let longer_w = request_w[at];
-                        let value = if longer_w <= cap_w {
-                            if longer_w <= 0.0 {
-                                continue;
-                            }
-                            value(at, to)
-                        } else {
-                            // A move between two nodes covers a smaller request.
-                            let shorter_w = request_w[at - size];
-                            if shorter_w >= cap_w || longer_w == f64::INFINITY {
-                                continue;
-                            }
-                            let shorter = grid.soc.after(interval.direction, i, k - 1);
-                            let shorter = shorter.map_or(f64::INFINITY, |to| value(at - size, to));
-                            shorter + (cap_w - shorter_w) / (longer_w - shorter_w) * (value(at, to) - shorter)
-                        };
-                        if value < now_on[node] {
-                            (now_on[node], choice_on[node]) = (value, k as u16);
-                        }
-                    }
-                }
-            }
-            let idle: Vec<Stencil> =
-                (0..TEMPERATURE_NODES).map(|j| after(grid.temperature_c(j), 0.0)).collect();
-            for node in 0..size {
-                let (i, j) = (node / TEMPERATURE_NODES, node % TEMPERATURE_NODES);
-                let off = along(&next_off[i * TEMPERATURE_NODES..(i + 1) * TEMPERATURE_NODES], &idle[j]);
-                let on = now_on[node];
-                now_off[node] = off.min(on + problem.prices.start);
-                now_on[node] = off.min(on);
-                choice_off[node] = if on + problem.prices.start < off { choice_on[node] } else { 0 };
-                choice_on[node] = if on < off { choice_on[node] } else { 0 };
-            }
+            let choice = &mut values.choice[t * 2 * n_soc..][..2 * n_soc];
+            step_back(grid, &step, &after[..2 * n_soc], &mut heated, &mut before[t * 2 * n_soc..], choice);
         }
         values
     }
@@ -141,48 +86,53 @@ impl<'a> StringValues<'a> {
     /// Power of all strings of a kind with their best moves `(T,)` [W]: the weights of their states on the nodes, moved forwards.
     fn forwards(&self, kind: usize) -> Vec<f64> {
         let (problem, grid, m) = (self.problem, &self.grids[kind], self.members[kind]);
-        let size = grid.size();
+        let n_soc = grid.soc.len;
         let string = &problem.model.strings()[m];
-        let spread = |row: &mut [f64], (base, weights): Stencil, share: f64| {
-            row[base..base + 4].iter_mut().zip(weights).for_each(|(sum, weight)| *sum += share * weight);
-        };
-        let [mut now, mut next] = [vec![0.0; 2 * size], vec![0.0; 2 * size]];
+        // Of strings that are off and on, in rows `(off or on, soc)`.
+        let mut now = vec![[0.0; TEMPERATURE_NODES]; 2 * n_soc];
         for (group, _) in self.groups.iter().zip(&self.kinds).filter(|(_, &of)| of == kind) {
             let start = problem.start[group.first];
             let (i, share) = grid.soc.locate(start.soc);
-            let plane = &mut now[usize::from(problem.running[group.first]) * size..];
-            for (i, share) in [(i, 1.0 - share), (i + 1, share)] {
-                spread(&mut plane[i * TEMPERATURE_NODES..], grid.stencil(start.temperature_c), share);
+            let off_or_on = usize::from(problem.running[group.first]) * n_soc;
+            for (j, weight) in grid.nodes(start.temperature_c) {
+                now[off_or_on + i][j] += (1.0 - share) * weight;
+                now[off_or_on + i + 1][j] += share * weight;
             }
         }
         let step = |t: usize| {
             let interval = &problem.intervals[t];
             let moves = grid.moves_in(interval.direction);
             let cap_w = self.cap_w(m, t);
+            let cooled = grid.cooled(string, interval);
             let mut power_w = 0.0;
-            next.fill(0.0);
-            let (next_off, next_on) = next.split_at_mut(size);
-            for (place, &weight) in now.iter().enumerate().filter(|(_, &weight)| weight != 0.0) {
-                let (node, (i, j)) =
-                    (place % size, (place % size / TEMPERATURE_NODES, place % TEMPERATURE_NODES));
-                let after = |heat_w| grid.stencil(string.warmed(grid.temperature_c(j), heat_w, interval));
-                let k = usize::from(self.values[kind].choice[2 * t * size + place]);
-                if k == 0 {
-                    spread(&mut next_off[i * TEMPERATURE_NODES..], after(0.0), weight);
-                    continue;
-                }
-                let [shorter_w, longer_w] = [k - 1, k].map(|k| moves.request_w[k * size + node]);
-                let share = if longer_w > cap_w { (cap_w - shorter_w) / (longer_w - shorter_w) } else { 1.0 };
-                for (k, weight) in [(k - 1, (1.0 - share) * weight), (k, share * weight)] {
-                    let Some(to) = grid.soc.after(interval.direction, i, k).filter(|_| weight != 0.0) else {
+            let mut heated = vec![[0.0; TEMPERATURE_NODES]; n_soc];
+            let mut next = vec![[0.0; TEMPERATURE_NODES]; 2 * n_soc];
+            for (place, row) in now.iter().enumerate() {
+                let i = place % n_soc;
+                for (j, &weight) in
+                    row.iter().enumerate().filter(|(_, &weight)| f64::abs(weight) > NEGLIGIBLE)
+                {
+                    let k = usize::from(self.values[kind].choice[2 * t * n_soc + place][j]);
+                    if k == 0 {
+                        cooled.spread(j, weight, &mut next[i]);
                         continue;
-                    };
-                    let at = k * size + node;
-                    power_w += weight * moves.request_w[at];
-                    spread(&mut next_on[to * TEMPERATURE_NODES..], after(moves.losses[at].battery), weight);
+                    }
+                    let [shorter_w, longer_w] = [k - 1, k].map(|k| moves.request_w[k * n_soc + i][j]);
+                    let share =
+                        if longer_w > cap_w { (cap_w - shorter_w) / (longer_w - shorter_w) } else { 1.0 };
+                    for (k, weight) in [(k - 1, (1.0 - share) * weight), (k, share * weight)] {
+                        let to = grid.soc.after(interval.direction, i, k).filter(|_| weight != 0.0);
+                        let Some(to) = to else { continue };
+                        power_w += weight * moves.request_w[k * n_soc + i][j];
+                        moves.heated[k * n_soc + i].spread(j, weight, &mut heated[to]);
+                    }
                 }
             }
-            std::mem::swap(&mut now, &mut next);
+            for (row, heated) in next[n_soc..].iter_mut().zip(&heated) {
+                let of_row = heated.iter().enumerate().filter(|(_, &weight)| weight != 0.0);
+                of_row.for_each(|(j, &weight)| cooled.spread(j, weight, row));
+            }
+            now = next;
             power_w
         };
         (0..problem.n_steps()).map(step).collect()
@@ -192,10 +142,9 @@ impl<'a> StringValues<'a> {
     fn at(&self, group: usize, t: usize, state: StringState, running: bool) -> f64 {
         let grid = &self.grids[self.kinds[group]];
         let (i, share) = grid.soc.locate(state.soc);
-        let stencil = grid.stencil(state.temperature_c);
-        let plane = &self.values[self.kinds[group]].cost[(2 * t + usize::from(running)) * grid.size()..];
-        let row = |i: usize| along(&plane[i * TEMPERATURE_NODES..(i + 1) * TEMPERATURE_NODES], &stencil);
-        (1.0 - share) * row(i) + share * row(i + 1)
+        let rows = &self.values[self.kinds[group]].cost[(2 * t + usize::from(running)) * grid.soc.len..];
+        let at = |(j, weight): (usize, f64)| weight * ((1.0 - share) * rows[i][j] + share * rows[i + 1][j]);
+        grid.nodes(state.temperature_c).map(at).iter().sum()
     }
 
     /// Bound of the cost of every schedule at prices `(T,)`.

@@ -1,0 +1,28 @@
+//! Inner loops compiled for the widest vectors of the processor.
+
+/// A function that is also compiled for AVX2 and runs so where the processor has it. It multiplies and adds in the same order, so that
+/// results are the same to the bit.
+macro_rules! widest {
+    ($(#[$attribute:meta])* $visible:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $body:block) => {
+        $(#[$attribute])*
+        #[allow(unsafe_code)]
+        $visible fn $name($($argument: $type),*) {
+            #[inline(always)]
+            fn portable($($argument: $type),*) $body
+
+            #[cfg(target_arch = "x86_64")]
+            if std::arch::is_x86_feature_detected!("avx2") {
+                #[target_feature(enable = "avx2")]
+                unsafe fn avx2($($argument: $type),*) {
+                    portable($($argument),*);
+                }
+                // SAFETY: the processor has been asked for AVX2.
+                unsafe { avx2($($argument),*) };
+                return;
+            }
+            portable($($argument),*);
+        }
+    };
+}
+
+pub(crate) use widest;
