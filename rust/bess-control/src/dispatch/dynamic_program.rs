@@ -9,6 +9,7 @@ use std::ops::Range;
 use super::bellman::Cells;
 use super::transitions::{weights, StoreState, Transitions};
 use super::{DispatchBlock, DispatchProblem, Store};
+use crate::widest::widest;
 
 /// Cycled energy that a resting plant may show by rounding [kWh].
 const ROUNDING_KWH: f64 = 1e-6;
@@ -94,7 +95,7 @@ impl<'a> DynamicProgram<'a> {
                 self.at_ambient(b, end, &mut moved);
                 end = &moved;
             }
-            self.bellman_step(b, end, &mut income, before);
+            bellman_step(self, b, end, &mut income, before);
         }
         values
     }
@@ -208,65 +209,6 @@ impl<'a> DynamicProgram<'a> {
         }
     }
 
-    /// Values of the grid before a block: those of the best transition. Keeps the `income` of the block after it where that
-    /// is the same.
-    #[allow(unsafe_code)]
-    fn bellman_step(&self, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has these instructions. They add and multiply as others do, so results are the same.
-            return unsafe { self.bellman_step_avx2(b, moved, income, before) };
-        }
-        self.bellman_step_portable(b, moved, income, before);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[allow(unsafe_code)]
-    unsafe fn bellman_step_avx2(&self, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
-        self.bellman_step_portable(b, moved, income, before);
-    }
-
-    #[inline(always)]
-    fn bellman_step_portable(&self, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
-        let (grid, transitions) = (&self.store.grid, self.transitions(b));
-        let energies = grid.energy_kwh.len();
-        let (all_rows, columns) = (transitions.flows.len(), self.levels * self.shadow_eur.len());
-        // Where there is one depth only, no state is deeper.
-        let deeper = if grid.depth.len() > 1 { grid.temperature_c.len() * energies * columns } else { 0 };
-        if self.differs_from_next(b) {
-            self.transition_income(b, income);
-        }
-        let of_states = before.chunks_exact_mut(energies * columns).zip(&transitions.runs);
-        for (i, (best, runs)) in self.reachable(b, of_states) {
-            best.fill(f64::NEG_INFINITY);
-            let depth = i / grid.temperature_c.len();
-            let income = &income[depth * self.levels * all_rows..][..self.levels * all_rows];
-            for run in runs {
-                let rows = run.row..run.row + run.rows;
-                let best = &mut best[run.row % energies * columns..][..run.rows * columns];
-                let cells = Cells {
-                    after: &moved[run.place * columns..],
-                    warmer: energies * columns,
-                    deeper,
-                    stride: run.stride,
-                    energy: &transitions.energy[rows.clone()],
-                    temperature: &transitions.temperature[rows.clone()],
-                    depth: &transitions.depth[depth * all_rows..][rows.clone()],
-                };
-                match (columns, deeper) {
-                    (1, 0) => cells.maximise::<false>(&income[rows], best),
-                    (1, _) => cells.maximise::<true>(&income[rows], best),
-                    _ => {
-                        let income = |level: usize| &income[level * all_rows..][rows.clone()];
-                        let cycled_kwh = &transitions.cycled_kwh[rows.clone()];
-                        cells.maximise_columns(income, cycled_kwh, self.shadow_eur, best);
-                    }
-                }
-            }
-        }
-    }
-
     /// Powers chosen in order, before the level of the price is known, which every value after a block takes as known.
     fn forward_pass(&self, values: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let (problem, shadows) = (self.problem, self.shadow_eur.len());
@@ -331,6 +273,49 @@ impl<'a> DynamicProgram<'a> {
             }
         }
         value
+    }
+}
+
+widest! {
+    /// Values of the grid before a block: those of the best transition. Keeps the `income` of the block after it where that
+    /// is the same.
+    fn bellman_step(program: &DynamicProgram<'_>, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
+        let (grid, transitions) = (&program.store.grid, program.transitions(b));
+        let energies = grid.energy_kwh.len();
+        let (all_rows, columns) = (transitions.flows.len(), program.levels * program.shadow_eur.len());
+        // Where there is one depth only, no state is deeper.
+        let deeper = if grid.depth.len() > 1 { grid.temperature_c.len() * energies * columns } else { 0 };
+        if program.differs_from_next(b) {
+            program.transition_income(b, income);
+        }
+        let of_states = before.chunks_exact_mut(energies * columns).zip(&transitions.runs);
+        for (i, (best, runs)) in program.reachable(b, of_states) {
+            best.fill(f64::NEG_INFINITY);
+            let depth = i / grid.temperature_c.len();
+            let income = &income[depth * program.levels * all_rows..][..program.levels * all_rows];
+            for run in runs {
+                let rows = run.row..run.row + run.rows;
+                let best = &mut best[run.row % energies * columns..][..run.rows * columns];
+                let cells = Cells {
+                    after: &moved[run.place * columns..],
+                    warmer: energies * columns,
+                    deeper,
+                    stride: run.stride,
+                    energy: &transitions.energy[rows.clone()],
+                    temperature: &transitions.temperature[rows.clone()],
+                    depth: &transitions.depth[depth * all_rows..][rows.clone()],
+                };
+                match (columns, deeper) {
+                    (1, 0) => cells.maximise::<false>(&income[rows], best),
+                    (1, _) => cells.maximise::<true>(&income[rows], best),
+                    _ => {
+                        let income = |level: usize| &income[level * all_rows..][rows.clone()];
+                        let cycled_kwh = &transitions.cycled_kwh[rows.clone()];
+                        cells.maximise_columns(income, cycled_kwh, program.shadow_eur, best);
+                    }
+                }
+            }
+        }
     }
 }
 

@@ -9,6 +9,7 @@ use crate::model::{Range, StringState};
 use crate::plan::look_ahead::{CostToGo, Group};
 use crate::plan::problem::{kinds, PlanProblem, Point};
 use crate::rules::water_fill;
+use crate::widest::widest;
 
 /// Number of SOC nodes. A plan for seven days of two reference strings costs 1.5 % more with 25, and the same with 41.
 const SOC_NODES: usize = 33;
@@ -267,44 +268,18 @@ fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
     PairValue { first, second, planes }
 }
 
-/// Cost to go before a share of a step, from that after it `(n_first, n_second)` and the moves of both strings.
-#[allow(unsafe_code)]
-fn lowest(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)], shared: &mut Shared) {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has these instructions. They add and multiply as others do, so results are the same.
-        unsafe { lowest_avx2(after, first, second, shared) };
-        return;
-    }
-    lowest_anywhere(after, first, second, shared);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-#[allow(unsafe_code)]
-unsafe fn lowest_avx2(
-    after: &[f32],
-    first: &[(f32, Corners)],
-    second: &[(f32, Corners)],
-    shared: &mut Shared,
-) {
-    lowest_anywhere(after, first, second, shared);
-}
-
-#[inline(always)]
-fn lowest_anywhere(
-    after: &[f32],
-    first: &[(f32, Corners)],
-    second: &[(f32, Corners)],
-    Shared { half, turned, cost }: &mut Shared,
-) {
-    let (n_a, n_b) = (first.len(), second.len());
-    for (row, &a) in half.chunks_exact_mut(n_b).zip(first) {
-        interpolate(row, after, a);
-    }
-    transpose(half, turned, n_b);
-    for (row, &b) in cost.chunks_exact_mut(n_a).zip(second) {
-        interpolate(row, turned, b);
+widest! {
+    /// Cost to go before a share of a step, from that after it `(n_first, n_second)` and the moves of both strings.
+    fn lowest(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)], shared: &mut Shared) {
+        let Shared { half, turned, cost } = shared;
+        let (n_a, n_b) = (first.len(), second.len());
+        for (row, &a) in half.chunks_exact_mut(n_b).zip(first) {
+            interpolate(row, after, a);
+        }
+        transpose(half, turned, n_b);
+        for (row, &b) in cost.chunks_exact_mut(n_a).zip(second) {
+            interpolate(row, turned, b);
+        }
     }
 }
 

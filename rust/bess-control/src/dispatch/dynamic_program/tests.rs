@@ -161,8 +161,8 @@ fn wider_instructions_change_no_bit() {
     let program = DynamicProgram::new(&store, &problem, 1, &[0.0], &problem.allowed_kwh);
     let moved: Vec<f64> = (0..store.grid.n_states()).map(|i| common::uniform(i as u64)).collect();
     let [mut any, mut widest] = [vec![0.0; moved.len()], vec![0.0; moved.len()]];
-    program.bellman_step_portable(3, &moved, &mut Vec::new(), &mut any);
-    program.bellman_step(3, &moved, &mut Vec::new(), &mut widest);
+    bellman_step::portable(&program, 3, &moved, &mut Vec::new(), &mut any);
+    bellman_step(&program, 3, &moved, &mut Vec::new(), &mut widest);
     assert_eq!(any, widest);
 }
 
