@@ -258,12 +258,13 @@ pub(super) struct Step<'a> {
 
 widest! {
     /// Costs to go and best moves of strings that are off, then of those that run, from the costs to go after the step; rows
-    /// `(off or on, soc)`. A move between two nodes covers a request between theirs. `heated` is overwritten.
+    /// `(off or on, soc)`. A move between two nodes covers a request between theirs. `cool` has the costs to go before strings that run
+    /// have cooled, and is overwritten.
     pub(super) fn step_back(
         grid: &Grid,
         step: &Step<'_>,
         after: &[Row],
-        heated: &mut [Padded],
+        cool: &mut [Padded],
         now: &mut [Row],
         choice: &mut [Row<u16>],
     ) {
@@ -271,8 +272,8 @@ widest! {
         let &Step { direction, losses, price, cap_w, cooled, .. } = step;
         let moves = grid.moves_in(direction);
         let (after_off, after_on) = after.split_at(n_soc);
-        for (heated, after) in heated.iter_mut().zip(after_on) {
-            *heated = pad(&cooled.along(&pad(after)));
+        for (cool, after) in cool.iter_mut().zip(after_on) {
+            *cool = pad(&cooled.along(&pad(after)));
         }
         let per_w = grid.derating.map(|factor| grid.dt_h * (losses.derating * (1.0 - factor) - price));
         let [inverter, battery, wear] = [losses.inverter, losses.battery, step.wear].map(|price| grid.dt_h * price);
@@ -289,7 +290,7 @@ widest! {
                 let row = k * n_soc + i;
                 let (longer_w, inverter_w, battery_w) =
                     (&moves.request_w[row], &moves.inverter_w[row], &moves.battery_w[row]);
-                let mut longer = moves.heated[row].along(&heated[to]);
+                let mut longer = moves.heated[row].along(&cool[to]);
                 for j in 0..TEMPERATURE_NODES {
                     longer[j] += per_w[j] * longer_w[j] + inverter * inverter_w[j] + battery * battery_w[j] + wear * current_a;
                 }

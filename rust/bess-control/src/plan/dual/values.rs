@@ -1,6 +1,6 @@
 //! Costs to go of strings at prices of the balance, and the power that is cheapest at these prices.
 
-use super::grid::{step_back, Grid, Padded, Row, Step, PADDED, TEMPERATURE_NODES};
+use super::grid::{step_back, Grid, Row, Step, PADDED, TEMPERATURE_NODES};
 use crate::cores;
 use crate::model::StringState;
 use crate::plan::look_ahead::{CostToGo, Group};
@@ -8,8 +8,6 @@ use crate::plan::problem::{kinds, PlanProblem};
 
 /// Weight of a node, in strings, below which it is neglected.
 const NEGLIGIBLE: f64 = 1e-7;
-
-const NONE: Padded = [0.0; PADDED];
 
 /// The dynamic program of strings of one kind.
 struct Values {
@@ -65,7 +63,7 @@ impl<'a> StringValues<'a> {
             let soc = grid.soc.at((i % n_soc) as f64);
             *row = [problem.end_cost(m, StringState { soc, temperature_c: 25.0 }); TEMPERATURE_NODES];
         }
-        let mut heated = vec![NONE; n_soc];
+        let mut cool = vec![[0.0; PADDED]; n_soc];
         for t in (0..n_steps).rev() {
             let (before, after) = values.cost.split_at_mut((t + 1) * 2 * n_soc);
             let step = Step {
@@ -78,7 +76,7 @@ impl<'a> StringValues<'a> {
                 cooled: &grid.cooled(string, &problem.intervals[t]),
             };
             let choice = &mut values.choice[t * 2 * n_soc..][..2 * n_soc];
-            step_back(grid, &step, &after[..2 * n_soc], &mut heated, &mut before[t * 2 * n_soc..], choice);
+            step_back(grid, &step, &after[..2 * n_soc], &mut cool, &mut before[t * 2 * n_soc..], choice);
         }
         values
     }
