@@ -26,7 +26,7 @@ def test_a_plan_shares_the_demand_within_limits_and_in_its_direction(
     seed: int, n_strings: int, n_steps: int, rollouts: int
 ) -> None:
     problem = case(seed, n_strings, n_steps)
-    planner = Planner(problem.system, n_steps, DT_H, rollouts=rollouts)
+    planner = Planner(problem.system, n_steps, DT_H, rollouts=rollouts, proof_cells=20)
     first = problem.plan(planner)
     problem.check(first)
     assert first.cost <= first.rule_cost
