@@ -27,7 +27,10 @@ def outages(policy: str, **values: Any) -> bess.Study:
 
 
 def without_bounds() -> PlannedPolicy:
-    """The policy ``mpc`` but for its bounds, which take half of the time of a short run."""
+    """The policy ``mpc`` but for its bounds, which take half of the time of a short run.
+
+    The first restart finds its prices in half-hours, as all later ones do, and not in quarter-hours.
+    """
     system = bess.load_system("unequal-4")
     planner = Planner(system, outages("mpc").policy.steps_ahead(system.control), proof_cells=None)
     return PlannedPolicy(planner, bess.Objectives.energy(), SettlementTerms())

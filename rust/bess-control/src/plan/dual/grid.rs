@@ -60,6 +60,8 @@ pub(super) struct Grid {
     derating: Row,
     charge: Moves,
     discharge: Moves,
+    /// Where each step leads an idle string.
+    pub(super) cooled: Vec<Band>,
 }
 
 /// Weights of four successive nodes at a place between the second and the third: linear in the first and the last cell of the grid
@@ -142,10 +144,12 @@ impl Grid {
             derating: [0.0; TEMPERATURE_NODES],
             charge: Moves::default(),
             discharge: Moves::default(),
+            cooled: vec![],
         };
         grid.derating = std::array::from_fn(|j| factor.at(grid.temperature_c(j)));
         grid.charge = grid.moves(string, Direction::Charge);
         grid.discharge = grid.moves(string, Direction::Discharge);
+        grid.cooled = problem.intervals.iter().map(|interval| grid.cooled(string, interval)).collect();
         grid
     }
 
@@ -214,8 +218,7 @@ impl Grid {
         Band::new(battery_w.map(|heat_w| nodes_per_w * heat_w))
     }
 
-    /// Where an idle step leads.
-    pub(super) fn cooled(&self, string: &StringModel, interval: &Interval) -> Band {
+    fn cooled(&self, string: &StringModel, interval: &Interval) -> Band {
         let change_k = |j| {
             let from_c = self.temperature_c(j);
             string.warmed(from_c, 0.0, interval) - from_c

@@ -58,7 +58,6 @@ impl<'a> StringValues<'a> {
     fn backwards(&self, kind: usize, price: &[f64], mut values: Values) -> Values {
         let (problem, grid, m) = (self.problem, &self.grids[kind], self.members[kind]);
         let (n_steps, n_soc) = (problem.n_steps(), grid.soc.len);
-        let string = &problem.model.strings()[m];
         for (i, row) in values.cost[n_steps * 2 * n_soc..].iter_mut().enumerate() {
             let soc = grid.soc.at((i % n_soc) as f64);
             *row = [problem.end_cost(m, StringState { soc, temperature_c: 25.0 }); TEMPERATURE_NODES];
@@ -73,7 +72,7 @@ impl<'a> StringValues<'a> {
                 start: problem.prices.start,
                 price: price[t],
                 cap_w: self.cap_w(m, t),
-                cooled: &grid.cooled(string, &problem.intervals[t]),
+                cooled: &grid.cooled[t],
             };
             let choice = &mut values.choice[t * 2 * n_soc..][..2 * n_soc];
             step_back(grid, &step, &after[..2 * n_soc], &mut cool, &mut before[t * 2 * n_soc..], choice);
@@ -85,7 +84,6 @@ impl<'a> StringValues<'a> {
     fn forwards(&self, kind: usize) -> Vec<f64> {
         let (problem, grid, m) = (self.problem, &self.grids[kind], self.members[kind]);
         let n_soc = grid.soc.len;
-        let string = &problem.model.strings()[m];
         // Of strings that are off and on, in rows `(off or on, soc)`.
         let mut now = vec![[0.0; TEMPERATURE_NODES]; 2 * n_soc];
         for (group, _) in self.groups.iter().zip(&self.kinds).filter(|(_, &of)| of == kind) {
@@ -97,14 +95,16 @@ impl<'a> StringValues<'a> {
                 now[off_or_on + i + 1][j] += share * weight;
             }
         }
+        let mut next = now.clone();
+        let mut heated = vec![[0.0; TEMPERATURE_NODES]; n_soc];
         let step = |t: usize| {
-            let interval = &problem.intervals[t];
-            let moves = grid.moves_in(interval.direction);
+            let direction = problem.intervals[t].direction;
+            let moves = grid.moves_in(direction);
             let cap_w = self.cap_w(m, t);
-            let cooled = grid.cooled(string, interval);
+            let cooled = &grid.cooled[t];
             let mut power_w = 0.0;
-            let mut heated = vec![[0.0; TEMPERATURE_NODES]; n_soc];
-            let mut next = vec![[0.0; TEMPERATURE_NODES]; 2 * n_soc];
+            heated.fill([0.0; TEMPERATURE_NODES]);
+            next.fill([0.0; TEMPERATURE_NODES]);
             for (place, row) in now.iter().enumerate() {
                 let i = place % n_soc;
                 for (j, &weight) in
@@ -119,7 +119,7 @@ impl<'a> StringValues<'a> {
                     let share =
                         if longer_w > cap_w { (cap_w - shorter_w) / (longer_w - shorter_w) } else { 1.0 };
                     for (k, weight) in [(k - 1, (1.0 - share) * weight), (k, share * weight)] {
-                        let to = grid.soc.after(interval.direction, i, k).filter(|_| weight != 0.0);
+                        let to = grid.soc.after(direction, i, k).filter(|_| weight != 0.0);
                         let Some(to) = to else { continue };
                         power_w += weight * moves.request_w[k * n_soc + i][j];
                         moves.heated[k * n_soc + i].spread(j, weight, &mut heated[to]);
@@ -130,7 +130,7 @@ impl<'a> StringValues<'a> {
                 let of_row = heated.iter().enumerate().filter(|(_, &weight)| weight != 0.0);
                 of_row.for_each(|(j, &weight)| cooled.spread(j, weight, row));
             }
-            now = next;
+            std::mem::swap(&mut now, &mut next);
             power_w
         };
         (0..problem.n_steps()).map(step).collect()
