@@ -22,9 +22,18 @@ fn max_threads() -> usize {
     })
 }
 
+/// Number of threads that [`map`] uses for so many items, at least one.
+pub(crate) fn threads(items: usize) -> usize {
+    if AT_WORK.get() {
+        1
+    } else {
+        max_threads().min(items).max(1)
+    }
+}
+
 /// Results of `of` for every item, in order.
 pub(crate) fn map<I: Send, T: Send>(items: Vec<I>, of: impl Fn(I) -> T + Sync) -> Vec<T> {
-    let n_threads = if items.len() < 2 || AT_WORK.get() { 1 } else { max_threads().min(items.len()) };
+    let n_threads = threads(items.len());
     if n_threads < 2 {
         return items.into_iter().map(of).collect();
     }

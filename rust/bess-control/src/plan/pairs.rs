@@ -193,12 +193,13 @@ fn part_of_demand(problem: &PlanProblem<'_>, group: Group, t: usize) -> f64 {
 /// A share of a step: cost and end state for each node of a string.
 type Moves = Vec<(f32, Corners)>;
 
-/// Cost to go before a share of a step, the second string in rows, and its intermediate results: kept from step to step.
+/// Least cost to go before some shares of a step, the second string in rows, and the intermediate results of a share: kept from
+/// step to step, and few, so that they stay in the cache.
 #[derive(Debug, Clone)]
 struct Shared {
     half: Vec<f32>,
     turned: Vec<f32>,
-    cost: Vec<f32>,
+    least: Vec<f32>,
 }
 
 fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
@@ -219,7 +220,8 @@ fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
     let mut planes = vec![end; n_steps + 1];
     let (mut moves_a, mut moves_b): (Moves, Moves) = (vec![], vec![]);
     let nodes = vec![0.0; n_a * n_b];
-    let mut shared = vec![Shared { half: nodes.clone(), turned: nodes.clone(), cost: nodes }; SHARES + 1];
+    let n_parts = cores::threads(SHARES + 1);
+    let mut parts = vec![Shared { half: nodes.clone(), turned: nodes.clone(), least: nodes }; n_parts];
     let mut same_as: Option<usize> = None;
     for t in (0..n_steps).rev() {
         let sum_w = part_of_demand(problem, group, t);
@@ -250,14 +252,17 @@ fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
             }
         }
         let (before, after) = planes.split_at_mut(t + 1);
-        let each = shared.iter_mut().take(used + 1).enumerate().collect();
-        cores::map(each, |(k, shared): (usize, &mut Shared)| {
-            lowest(&after[0], &moves_a[k * n_a..(k + 1) * n_a], &moves_b[k * n_b..(k + 1) * n_b], shared);
+        let each = parts.iter_mut().enumerate().collect();
+        cores::map(each, |(part, shared): (usize, &mut Shared)| {
+            shared.least.fill(f32::INFINITY);
+            for k in (part..=used).step_by(n_parts) {
+                lower(&after[0], &moves_a[k * n_a..(k + 1) * n_a], &moves_b[k * n_b..(k + 1) * n_b], shared);
+            }
         });
-        let (least, others) = shared.split_at_mut(1);
-        let least = &mut least[0].cost;
-        for other in &others[..used] {
-            least.iter_mut().zip(&other.cost).for_each(|(value, &other)| *value = value.min(other));
+        let (least, others) = parts.split_at_mut(1);
+        let least = &mut least[0].least;
+        for other in others {
+            least.iter_mut().zip(&other.least).for_each(|(value, &other)| *value = value.min(other));
         }
         let now = &mut before[t];
         transpose(least, now, n_a);
@@ -269,41 +274,51 @@ fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
 }
 
 widest! {
-    /// Cost to go before a share of a step, from that after it `(n_first, n_second)` and the moves of both strings.
-    fn lowest(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)], shared: &mut Shared) {
-        let Shared { half, turned, cost } = shared;
+    /// Lowers costs to go to those before a share of a step, from those after it `(n_first, n_second)` and the moves of both strings.
+    fn lower(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)], shared: &mut Shared) {
+        let Shared { half, turned, least } = shared;
         let (n_a, n_b) = (first.len(), second.len());
         for (row, &a) in half.chunks_exact_mut(n_b).zip(first) {
-            interpolate(row, after, a);
+            interpolate(after, a, n_b, |i, value| row[i] = value);
         }
         transpose(half, turned, n_b);
-        for (row, &b) in cost.chunks_exact_mut(n_a).zip(second) {
-            interpolate(row, turned, b);
+        for (row, &b) in least.chunks_exact_mut(n_a).zip(second) {
+            interpolate(turned, b, n_a, |i, value| row[i] = row[i].min(value));
         }
     }
 }
 
-/// The cost of a move, and the rows of `values` that it leads to.
+/// The cost of a move, and the rows of `n` values that it leads to.
 #[inline(always)]
-fn interpolate(out: &mut [f32], values: &[f32], (cost, corners): (f32, Corners)) {
-    let n = out.len();
+fn interpolate(values: &[f32], (cost, corners): (f32, Corners), n: usize, mut to: impl FnMut(usize, f32)) {
     let [a, b, c, d] = corners.map(|(node, _)| &values[node as usize * n..][..n]);
     let [wa, wb, wc, wd] = corners.map(|(_, weight)| weight);
     for i in 0..n {
-        out[i] = cost + wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i];
+        to(i, cost + wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i]);
     }
 }
 
-/// Turns a matrix of rows of `columns` values, tile by tile.
+/// Transposes a matrix of rows of `columns` values in square tiles. The last ones overlap those before.
 #[inline(always)]
 fn transpose(from: &[f32], to: &mut [f32], columns: usize) {
-    const TILE: usize = 16;
+    const TILE: usize = 8;
     let rows = from.len() / columns;
-    for top in (0..rows).step_by(TILE) {
-        for left in (0..columns).step_by(TILE) {
-            for j in left..(left + TILE).min(columns) {
-                for i in top..(top + TILE).min(rows) {
-                    to[j * rows + i] = from[i * columns + j];
+    if rows < TILE || columns < TILE {
+        for (i, row) in from.chunks_exact(columns).enumerate() {
+            row.iter().enumerate().for_each(|(j, &value)| to[j * rows + i] = value);
+        }
+        return;
+    }
+    for top in (0..rows).step_by(TILE).map(|top| top.min(rows - TILE)) {
+        for left in (0..columns).step_by(TILE).map(|left| left.min(columns - TILE)) {
+            let mut tile = [&[0.0; TILE]; TILE];
+            for (row, from) in tile.iter_mut().zip(from[top * columns..].chunks_exact(columns)) {
+                *row = from[left..].first_chunk().unwrap_or_else(|| unreachable!());
+            }
+            for j in 0..TILE {
+                let column = &mut to[(left + j) * rows + top..][..TILE];
+                for i in 0..TILE {
+                    column[i] = tile[i][j];
                 }
             }
         }

@@ -16,17 +16,17 @@ use crate::widest::widest;
 const NODES_PER_STEP: f64 = 10.0;
 /// Minimum and maximum number of SOC nodes.
 const SOC_NODES: (usize, usize) = (40, 400);
-pub(super) const TEMPERATURE_NODES: usize = 28;
+pub(super) const TEMPERATURE_NODES: usize = 32;
 /// Margin of the grid above the hottest string without derating [K].
 const WARMING_K: f64 = 35.0;
 /// Least share of its temperature that a string keeps in a step.
 const MIN_KEPT: f64 = 0.1;
 
-/// Values at the temperature nodes of one SOC.
-pub(super) type Row<T = f64> = [T; TEMPERATURE_NODES];
+/// Values at the temperature nodes of one SOC, in single precision: it rounds far below what the grid neglects.
+pub(super) type Row<T = f32> = [T; TEMPERATURE_NODES];
 
 /// A row with the nodes below and above the grid that bands reach, which have the value of its first and last node.
-pub(super) type Padded = [f64; PADDED];
+pub(super) type Padded = [f32; PADDED];
 pub(super) const PADDED: usize = 3 * TEMPERATURE_NODES + 4;
 
 /// Nodes below the grid in a padded row.
@@ -48,7 +48,7 @@ pub(super) struct Moves {
     /// Where the heat of the battery leads.
     pub(super) heated: Vec<Band>,
     /// Of each number of steps of SOC.
-    current_a: Vec<f64>,
+    current_a: Vec<f32>,
 }
 
 /// The grid of identical strings.
@@ -77,7 +77,7 @@ fn weights(place: f64) -> [f64; 4] {
 
 impl Band {
     /// From changes of each node [nodes]. Beyond the width of the grid, all are the same.
-    fn new(change: Row) -> Self {
+    fn new(change: Row<f64>) -> Self {
         let width = TEMPERATURE_NODES as f64;
         let shifted = change.map(|nodes| nodes.clamp(-width, width) + BELOW as f64 - 1.0);
         let low = shifted.iter().copied().fold(f64::INFINITY, f64::min) as usize;
@@ -86,7 +86,7 @@ impl Band {
         for (j, shifted) in shifted.into_iter().enumerate() {
             let place = shifted + (j + 1) as f64 - BELOW as f64;
             for (n, weight) in weights(place).into_iter().enumerate() {
-                rows[shifted as usize - low + n][j] = weight;
+                rows[shifted as usize - low + n][j] = weight as f32;
             }
         }
         Self { low, weights: rows }
@@ -105,7 +105,7 @@ impl Band {
     }
 
     /// Adds a share of the node `j` to the nodes that it leads to: the transposed of [`Self::along`] a padded row.
-    pub(super) fn spread(&self, j: usize, share: f64, row: &mut Row) {
+    pub(super) fn spread(&self, j: usize, share: f32, row: &mut Row) {
         for (n, weights) in self.weights.iter().enumerate() {
             row[inside(self.low + n + j, BELOW)] += share * weights[j];
         }
@@ -146,7 +146,7 @@ impl Grid {
             discharge: Moves::default(),
             cooled: vec![],
         };
-        grid.derating = std::array::from_fn(|j| factor.at(grid.temperature_c(j)));
+        grid.derating = std::array::from_fn(|j| factor.at(grid.temperature_c(j)) as f32);
         grid.charge = grid.moves(string, Direction::Charge);
         grid.discharge = grid.moves(string, Direction::Discharge);
         grid.cooled = problem.intervals.iter().map(|interval| grid.cooled(string, interval)).collect();
@@ -167,7 +167,7 @@ impl Grid {
             let current_a = self.soc.step * k as f64 * p.capacity_ah / self.dt_h;
             let mut any = false;
             for i in 0..self.soc.len {
-                let mut request_w = [f64::INFINITY; TEMPERATURE_NODES];
+                let mut request_w = [f32::INFINITY; TEMPERATURE_NODES];
                 let [mut inverter_w, mut battery_w] = [[0.0; TEMPERATURE_NODES]; 2];
                 if let Some(to) = self.soc.after(direction, i, k) {
                     for j in 0..TEMPERATURE_NODES {
@@ -184,15 +184,16 @@ impl Grid {
                         let internal_w = volt * current_a - direction.sign() * heat_w;
                         let has_root = direction == Direction::Charge || 2.0 * ohm * current_a <= volt;
                         let allowed = p.voltage_allows(direction, volt, ohm * current_a);
-                        if has_root && allowed && self.derating[j] > 0.0 {
+                        let factor = p.derating.factor.at(self.temperature_c(j));
+                        if has_root && allowed && factor > 0.0 {
                             let power_w = match internal_w - no_load_w {
                                 below_w if below_w < 0.0 => below_w,
                                 _ => curve.largest_power(internal_w) + (internal_w - highest_w).max(0.0),
                             };
-                            request_w[j] = power_w / self.derating[j];
-                            any |= request_w[j] <= string.nominal_w();
-                            inverter_w[j] = curve.at(power_w.max(0.0)).0;
-                            battery_w[j] = heat_w;
+                            request_w[j] = (power_w / factor) as f32;
+                            any |= power_w / factor <= string.nominal_w();
+                            inverter_w[j] = curve.at(power_w.max(0.0)).0 as f32;
+                            battery_w[j] = heat_w as f32;
                         }
                     }
                 }
@@ -201,7 +202,7 @@ impl Grid {
                 out.heated.push(self.heated(string, &battery_w));
                 out.battery_w.push(battery_w);
             }
-            out.current_a.push(current_a);
+            out.current_a.push(current_a as f32);
             if !any {
                 break;
             }
@@ -215,7 +216,7 @@ impl Grid {
         let dt_s = self.dt_h * SECONDS_PER_HOUR;
         let kept = (1.0 - dt_s * lumped.k2_per_s).max(MIN_KEPT);
         let nodes_per_w = dt_s * lumped.k1_k_per_j / kept / self.temperature_step_k;
-        Band::new(battery_w.map(|heat_w| nodes_per_w * heat_w))
+        Band::new(battery_w.map(|heat_w| nodes_per_w * f64::from(heat_w)))
     }
 
     fn cooled(&self, string: &StringModel, interval: &Interval) -> Band {
@@ -272,19 +273,22 @@ widest! {
         choice: &mut [Row<u16>],
     ) {
         let n_soc = grid.soc.len;
-        let &Step { direction, losses, price, cap_w, cooled, .. } = step;
+        let &Step { direction, cooled, .. } = step;
         let moves = grid.moves_in(direction);
         let (after_off, after_on) = after.split_at(n_soc);
         for (cool, after) in cool.iter_mut().zip(after_on) {
             *cool = pad(&cooled.along(&pad(after)));
         }
-        let per_w = grid.derating.map(|factor| grid.dt_h * (losses.derating * (1.0 - factor) - price));
-        let [inverter, battery, wear] = [losses.inverter, losses.battery, step.wear].map(|price| grid.dt_h * price);
+        let Losses { derating, inverter, battery, .. } = *step.losses;
+        let [price, derating, inverter, battery, wear] =
+            [step.price, derating, inverter, battery, step.wear].map(|price| (grid.dt_h * price) as f32);
+        let per_w = grid.derating.map(|factor| derating * (1.0 - factor) - price);
+        let [cap_w, start] = [step.cap_w, step.start].map(|value| value as f32);
         let (now_off, now_on) = now.split_at_mut(n_soc);
         let (choice_off, choice_on) = choice.split_at_mut(n_soc);
         for i in 0..n_soc {
-            let (mut best, mut steps) = ([f64::INFINITY; TEMPERATURE_NODES], [0.0; TEMPERATURE_NODES]);
-            let (mut shorter_w, mut shorter) = (&[f64::NEG_INFINITY; TEMPERATURE_NODES], best);
+            let (mut best, mut steps) = ([f32::INFINITY; TEMPERATURE_NODES], [0.0; TEMPERATURE_NODES]);
+            let (mut shorter_w, mut shorter) = (&[f32::NEG_INFINITY; TEMPERATURE_NODES], best);
             for (k, current_a) in moves.current_a.iter().enumerate() {
                 if cap_w <= 0.0 || shorter_w.iter().all(|&w| w >= cap_w) {
                     break;
@@ -302,21 +306,21 @@ widest! {
                     for j in 0..TEMPERATURE_NODES {
                         let share = (cap_w - shorter_w[j]) / (longer_w[j] - shorter_w[j]);
                         let between = shorter[j] + share * (longer[j] - shorter[j]);
-                        let exists = (shorter_w[j] < cap_w) & (longer_w[j] < f64::INFINITY);
-                        let between = if exists { between } else { f64::INFINITY };
+                        let exists = (shorter_w[j] < cap_w) & (longer_w[j] < f32::INFINITY);
+                        let between = if exists { between } else { f32::INFINITY };
                         value[j] = if longer_w[j] <= cap_w { longer[j] } else { between };
                     }
                 }
                 for j in 0..TEMPERATURE_NODES {
                     let better = (longer_w[j] > 0.0) & (value[j] < best[j]);
                     best[j] = if better { value[j] } else { best[j] };
-                    steps[j] = if better { k as f64 } else { steps[j] };
+                    steps[j] = if better { k as f32 } else { steps[j] };
                 }
                 (shorter_w, shorter) = (longer_w, longer);
             }
             let off = cooled.along(&pad(&after_off[i]));
             for j in 0..TEMPERATURE_NODES {
-                let started = best[j] + step.start;
+                let started = best[j] + start;
                 now_off[i][j] = off[j].min(started);
                 now_on[i][j] = off[j].min(best[j]);
                 choice_off[i][j] = if started < off[j] { steps[j] as u16 } else { 0 };

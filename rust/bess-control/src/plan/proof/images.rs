@@ -27,18 +27,41 @@ pub(super) struct Images {
 }
 
 impl Kind<'_> {
-    /// Cell of temperature and share of it; straight on beyond the ends.
-    pub(super) fn place(&self, temperature_c: f64) -> (usize, f64) {
+    /// The cell of temperature whose lower node is the last that is `below`: the first or the last cell beyond the ends. The search
+    /// walks from `near`, as the next temperature is near the one before.
+    fn cell(&self, near: usize, below: impl Fn(f64) -> bool) -> usize {
         let nodes = &self.temperature_c;
-        let cell = nodes.partition_point(|&c| c <= temperature_c).saturating_sub(1).min(nodes.len() - 2);
+        let mut cell = near;
+        while cell + 2 < nodes.len() && below(nodes[cell + 1]) {
+            cell += 1;
+        }
+        while cell > 0 && !below(nodes[cell]) {
+            cell -= 1;
+        }
+        cell
+    }
+
+    /// Cell of temperature and share of it; straight on beyond the ends.
+    pub(super) fn place(&self, temperature_c: f64, near: usize) -> (usize, f64) {
+        let nodes = &self.temperature_c;
+        let cell = self.cell(near, |c| c <= temperature_c);
         (cell, (temperature_c - nodes[cell]) / (nodes[cell + 1] - nodes[cell]))
     }
 
-    pub(super) fn image(&self, low_c: f64, high_c: f64) -> Image {
-        let nodes = &self.temperature_c;
-        let inner = |node: usize| node.clamp(1, nodes.len() - 1);
-        let first = inner(nodes.partition_point(|&c| c <= low_c));
-        let last = inner(nodes.partition_point(|&c| c < high_c));
+    /// Cells of temperature and shares of them, of temperatures of which each is near the one before.
+    fn places(&self, temperatures_c: impl Iterator<Item = f64>) -> Vec<(usize, f64)> {
+        let mut near = 0;
+        let place = |temperature_c| {
+            let place = self.place(temperature_c, near);
+            near = place.0;
+            place
+        };
+        temperatures_c.map(place).collect()
+    }
+
+    pub(super) fn image(&self, low_c: f64, high_c: f64, near: usize) -> Image {
+        let first = 1 + self.cell(near, |c| c <= low_c);
+        let last = 1 + self.cell(first - 1, |c| c < high_c);
         Image { low_c, high_c, first, last: last.max(first) }
     }
 
@@ -50,8 +73,8 @@ impl Kind<'_> {
         let drawn_k = rise * moves.map_or(0.0, |m| m.drawn.iter().map(|d| d.1).fold(0.0, f64::max));
         let mut out = Images {
             interval: *interval,
-            idle: idle_c.iter().map(|&c| self.place(c)).collect(),
-            idle_boxes: idle_c.windows(2).map(|c| self.image(c[0], c[1] + drawn_k)).collect(),
+            idle: self.places(idle_c.iter().copied()),
+            idle_boxes: idle_c.windows(2).map(|c| self.image(c[0], c[1] + drawn_k, 0)).collect(),
             corners: vec![],
             boxes: vec![],
         };
@@ -62,8 +85,9 @@ impl Kind<'_> {
             .enumerate()
             .map(|(x, corner)| idle_c[x % n_temperatures] + rise * corner.heat_w)
             .collect();
-        out.corners = warmed.iter().map(|&c| self.place(c)).collect();
+        out.corners = self.places(warmed.iter().copied());
         out.boxes.reserve(moves.shapes.len());
+        let mut near = 0;
         for (x, shape) in moves.shapes.iter().enumerate() {
             if shape.min_request_w == f64::INFINITY {
                 out.boxes.push(Image::default());
@@ -77,7 +101,10 @@ impl Kind<'_> {
                 low_c = low_c.min(warmed[corner]);
                 high_c = high_c.max(warmed[corner + 1]);
             }
-            out.boxes.push(self.image(low_c - rise * shape.heat_below_w, high_c + rise * shape.heat_above_w));
+            let image =
+                self.image(low_c - rise * shape.heat_below_w, high_c + rise * shape.heat_above_w, near);
+            near = image.first - 1;
+            out.boxes.push(image);
         }
         out
     }

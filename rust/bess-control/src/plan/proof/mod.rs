@@ -279,7 +279,7 @@ impl<'a> Kind<'a> {
     /// Value at a state, from values at the nodes.
     fn at(&self, values: &[f64], state: StringState) -> f64 {
         let (i, share) = self.soc.locate(state.soc);
-        let (cell, of_cell) = self.place(state.temperature_c);
+        let (cell, of_cell) = self.place(state.temperature_c, 0);
         let row = |i: usize| lerp(&values[i * self.n_temperatures()..], cell, of_cell);
         (1.0 - share) * row(i) + share * row(i + 1)
     }
