@@ -4,6 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 WORKERS := $(shell expr 1 + $$(getconf _NPROCESSORS_ONLN))
 unexport MAKEFLAGS MFLAGS # in which cargo looks for a job server
+unexport PYTHONDONTWRITEBYTECODE # hundreds of tests start the command, and each would compile the package anew
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name 'Cargo.toml')
 
 .PHONY: demo test test-rust test-python lint bench cases arena docs lock surface release wheel clean

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from matplotlib import colormaps, rcParams
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -159,8 +160,12 @@ def save_svg(figure: Figure, path: Path, *, dpi: int = 200) -> str:
     """Save a figure as SVG only, in a third of the time of :func:`save_figure`; return the drawing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with styled(), io.StringIO() as text:
-        # Rasterised parts are for screens.
-        figure.savefig(text, format="svg", dpi=dpi // 2, metadata={"Date": None, "Creator": None})
+        canvas, screen_dpi = figure.canvas, figure.dpi
+        # Rasterised parts are for screens. `savefig` would draw twice, the first time for the layout alone.
+        figure.set_dpi(dpi // 2)
+        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
+        figure.set_dpi(screen_dpi)
+        figure.set_canvas(canvas)
         svg = shortened(text.getvalue())
     path.write_text(svg, encoding="utf-8")
     return svg
