@@ -163,7 +163,8 @@ def save_svg(figure: Figure, path: Path, *, dpi: int = 200) -> str:
         canvas, screen_dpi = figure.canvas, figure.dpi
         # Rasterised parts are for screens. `savefig` would draw twice, the first time for the layout alone.
         figure.set_dpi(dpi // 2)
-        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
+        svg_canvas: Any = FigureCanvasSVG(figure)  # print_svg has no types
+        svg_canvas.print_svg(text, metadata={"Date": None, "Creator": None})
         figure.set_dpi(screen_dpi)
         figure.set_canvas(canvas)
         svg = shortened(text.getvalue())
