@@ -324,3 +324,19 @@ fn transpose(from: &[f32], to: &mut [f32], columns: usize) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_matrix_of_any_shape_is_transposed() {
+        for (rows, columns) in [(1, 5), (7, 30), (8, 8), (9, 8), (13, 21), (297, 264)] {
+            let from: Vec<f32> = (0..rows * columns).map(|x| x as f32).collect();
+            let mut to = vec![-1.0; from.len()];
+            transpose(&from, &mut to, columns);
+            let expected = (0..columns).flat_map(|j| (0..rows).map(move |i| (i * columns + j) as f32));
+            assert!(to.into_iter().eq(expected), "{rows} x {columns}");
+        }
+    }
+}

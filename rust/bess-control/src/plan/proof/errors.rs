@@ -4,7 +4,7 @@ use bess_tables::units::SECONDS_PER_HOUR;
 
 use super::images::{Image, Images};
 use super::moves::{Corner, Moves};
-use super::{Kind, MIN_FACTOR};
+use super::{larger, smaller, Kind, MIN_FACTOR};
 use crate::model::Range;
 
 /// Prices of a step, and the resulting error terms of each temperature cell.
@@ -39,7 +39,7 @@ impl StepPrices {
     /// Cost of a corner at a node of temperature.
     #[inline]
     pub(super) fn cost(&self, corner: &Corner, j: usize) -> f64 {
-        let room_w = (self.cap_w - corner.power_w * self.per_power[j]).max(0.0);
+        let room_w = larger(0.0, self.cap_w - corner.power_w * self.per_power[j]);
         self.dt_h
             * (self.heat * corner.heat_w + self.loss * corner.loss_w + self.power[j] * corner.power_w
                 - self.dumped[j] * room_w)
@@ -188,8 +188,8 @@ impl Bends {
         for j in image.first..image.last {
             let node_c = kind.temperature_c[j];
             bend += rises[j] * (node_c - image.low_c) * (image.high_c - node_c);
-            low = low.min(least[j]);
-            high = high.max(most[j]);
+            low = smaller(low, least[j]);
+            high = larger(high, most[j]);
         }
         (bend / (image.high_c - image.low_c), (low, high))
     }
@@ -198,7 +198,7 @@ impl Bends {
     #[inline]
     pub(super) fn across(&self, kind: &Kind<'_>, i: usize, image: &Image) -> f64 {
         let row = i * (kind.n_temperatures() - 1);
-        self.across[row + image.first - 1..row + image.last].iter().copied().fold(0.0, f64::max)
+        self.across[row + image.first - 1..row + image.last].iter().copied().fold(0.0, larger)
     }
 
     /// Largest slope over SOC, at least 0, of a cell of SOC and `further` ones below, in an image.
@@ -280,12 +280,12 @@ impl Kind<'_> {
                 let (bend, (least, most)) = bends.around(self, middle, image);
                 let of_cost = step.heat * shape.heat_below_w
                     + step.steepest[j] * shape.internal_w
-                    + (step.bend[j].1 * shape.convex_w).max(-step.bend[j].0 * shape.concave_w).max(0.0)
+                    + larger(0.0, larger(step.bend[j].1 * shape.convex_w, -step.bend[j].0 * shape.concave_w))
                     + step.uneven[j] * shape.max_power_w
                     + step.tilt[j] * shape.power_range_w;
-                let of_value = (shape.heat_above_w * (-least).max(0.0))
-                    .max(shape.heat_below_w * most.max(0.0))
-                    + 0.25 * shape.heat_range_w * bends.across(self, middle, image);
+                let of_value =
+                    larger(shape.heat_above_w * larger(0.0, -least), shape.heat_below_w * larger(0.0, most))
+                        + 0.25 * shape.heat_range_w * bends.across(self, middle, image);
                 out[cell] = step.dt_h * of_cost + step.rise * of_value + bend;
             }
         }
@@ -298,6 +298,6 @@ impl Kind<'_> {
         let (i0, i1) = (i.saturating_sub(1), i.min(self.soc.len - 2));
         let (j0, j1) = (j.saturating_sub(1), j.min(n_columns - 1));
         let at = |i: usize, j: usize| errors[i * n_columns + j];
-        at(i0, j0).max(at(i0, j1)).max(at(i1, j0)).max(at(i1, j1))
+        larger(larger(at(i0, j0), at(i0, j1)), larger(at(i1, j0), at(i1, j1)))
     }
 }

@@ -31,6 +31,7 @@ use crate::cores;
 use crate::model::{Range, StringModel, StringState};
 use crate::plan::problem::PlanProblem;
 use crate::plan::soc_nodes::SocNodes;
+use crate::widest::widest;
 use errors::{Bends, Errors, StepPrices};
 use images::Images;
 use moves::{Corner, Moves};
@@ -227,27 +228,28 @@ impl<'a> Kind<'a> {
         if !errors.drawing.is_empty() {
             limit(&mut running, &idle(next.of(true), &|j| self.largest_around(&errors.drawing, i, j)), 0.0);
         }
+        // Errors of the boxes that end with a current, and of those that begin there.
+        let mut below = vec![f64::NEG_INFINITY; n_temperatures];
+        let mut above = below.clone();
         for k in 0..=errors.boxes.len() {
             let Some(to) = self.soc.after(moves.direction, i, k) else { break };
-            // Errors of the boxes that end with this current, and of those that begin there.
-            let of = |k: Option<usize>| k.and_then(|k| errors.boxes.get(k));
-            let (below, above) = (of(k.checked_sub(1)), of(Some(k)));
+            std::mem::swap(&mut below, &mut above);
+            let of_boxes = errors.boxes.get(k);
+            let largest = |j| of_boxes.map_or(f64::NEG_INFINITY, |errors| self.largest_around(errors, i, j));
+            above.iter_mut().enumerate().for_each(|(j, error)| *error = largest(j));
             let to = to * n_temperatures..(to + 1) * n_temperatures;
             let (next_row, plain_row) = (&next.of(true)[to.clone()], &next.plain[to]);
             let wear = step.dt_h * step.wear * moves.current_a * k as f64;
             for j in 0..n_temperatures {
-                let around = |errors: Option<&Vec<f64>>| {
-                    errors.map_or(f64::NEG_INFINITY, |errors| self.largest_around(errors, i, j))
-                };
-                let error = around(below).max(around(above));
+                let error = larger(below[j], above[j]);
                 if error == f64::NEG_INFINITY {
                     continue;
                 }
                 let x = k * self.n_nodes() + i * n_temperatures + j;
                 let (cell, share) = images.corners[x];
                 let cost = step.cost(&moves.corners[x], j) + wear;
-                running[j] = running[j].min(cost + lerp(next_row, cell, share) - self.share * error);
-                plain[j] = plain[j].min(cost + lerp(plain_row, cell, share));
+                running[j] = smaller(running[j], cost + lerp(next_row, cell, share) - self.share * error);
+                plain[j] = smaller(plain[j], cost + lerp(plain_row, cell, share));
             }
         }
         limit(&mut off, &running, self.problem.prices.start);
@@ -266,13 +268,11 @@ impl<'a> Kind<'a> {
         let inner = 1..n - 1;
         let bends: f64 = plain.chunks_exact(n).flat_map(|row| inner.clone().map(|j| bend_at(row, j))).sum();
         let most = MAX_BEND * bends / (self.soc.len * inner.len().max(1)) as f64;
-        let mut below = vec![0.0; n];
+        let (mut below, mut smooth) = (vec![0.0; n], vec![0.0; n]);
         for (values, plain) in values.chunks_exact_mut(n).zip(plain.chunks_exact(n)) {
             below.iter_mut().zip(plain.iter().zip(values.iter())).for_each(|(b, (p, v))| *b = p - v);
-            for (j, value) in values.iter_mut().enumerate() {
-                let less = |(c, below): (&f64, &f64)| below - most * (c - at[j]) * (c - at[j]);
-                *value = plain[j] - at.iter().zip(&below).map(less).fold(f64::NEG_INFINITY, f64::max);
-            }
+            envelope(at, &below, most, &mut smooth);
+            values.iter_mut().zip(plain.iter().zip(&smooth)).for_each(|(v, (p, s))| *v = p - s);
         }
     }
 
@@ -303,6 +303,37 @@ impl Values {
 /// Lowers values to others plus a cost.
 fn limit(values: &mut [f64], most: &[f64], cost: f64) {
     values.iter_mut().zip(most).for_each(|(value, most)| *value = value.min(most + cost));
+}
+
+widest! {
+    /// The upper envelope of parabolas that open downwards from values at places, at the same places.
+    fn envelope(at: &[f64], values: &[f64], bend: f64, highest: &mut [f64]) {
+        highest.fill(f64::NEG_INFINITY);
+        for (top, value) in at.iter().zip(values) {
+            for (highest, at) in highest.iter_mut().zip(at) {
+                *highest = larger(*highest, value - bend * (top - at) * (top - at));
+            }
+        }
+    }
+}
+
+/// The larger of two numbers, in one instruction as neither is NaN.
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if a > b {
+        a
+    } else {
+        b
+    }
+}
+
+#[inline(always)]
+fn smaller(a: f64, b: f64) -> f64 {
+    if a < b {
+        a
+    } else {
+        b
+    }
 }
 
 #[inline]
