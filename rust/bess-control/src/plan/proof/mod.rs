@@ -193,7 +193,8 @@ impl<'a> Kind<'a> {
                 now.modes.iter_mut().zip(rows).for_each(|(now, row)| now.extend(row));
                 now.plain.extend(plain);
             }
-            now.modes.iter_mut().for_each(|values| self.smooth(values, &now.plain));
+            let most = MAX_BEND * self.mean_bend(&now.plain);
+            now.modes.iter_mut().for_each(|values| self.smooth(values, &now.plain, most));
             if let [off, running] = &mut now.modes[..] {
                 limit(off, running, problem.prices.start);
             }
@@ -256,18 +257,21 @@ impl<'a> Kind<'a> {
         ([off, running], plain)
     }
 
-    /// Lowers values so that their difference from the plain ones has little curvature over temperature compared with the plain
-    /// ones: every kink costs again in the step before, and would grow.
-    fn smooth(&self, values: &mut [f64], plain: &[f64]) {
-        let n = self.n_temperatures();
-        let at = &self.temperature_c;
+    /// Mean curvature of values over temperature.
+    fn mean_bend(&self, values: &[f64]) -> f64 {
+        let (n, at) = (self.n_temperatures(), &self.temperature_c);
         let bend_at = |row: &[f64], j: usize| {
             let slope = |j: usize| (row[j + 1] - row[j]) / (at[j + 1] - at[j]);
             (slope(j) - slope(j - 1)).abs() / (at[j + 1] - at[j - 1])
         };
         let inner = 1..n - 1;
-        let bends: f64 = plain.chunks_exact(n).flat_map(|row| inner.clone().map(|j| bend_at(row, j))).sum();
-        let most = MAX_BEND * bends / (self.soc.len * inner.len().max(1)) as f64;
+        let bends: f64 = values.chunks_exact(n).flat_map(|row| inner.clone().map(|j| bend_at(row, j))).sum();
+        bends / (self.soc.len * inner.len().max(1)) as f64
+    }
+
+    /// Lowers values so that they bend below the plain ones by `most`: every kink costs again in the step before, and would grow.
+    fn smooth(&self, values: &mut [f64], plain: &[f64], most: f64) {
+        let (n, at) = (self.n_temperatures(), &self.temperature_c);
         let (mut below, mut smooth) = (vec![0.0; n], vec![0.0; n]);
         for (values, plain) in values.chunks_exact_mut(n).zip(plain.chunks_exact(n)) {
             below.iter_mut().zip(plain.iter().zip(values.iter())).for_each(|(b, (p, v))| *b = p - v);
