@@ -162,10 +162,10 @@ RUST = [
     ("plan bound: idle errors are not taken off", f"{PROOF}/mod.rs", "lerp(row, cell, share) - self.share * error(j)", "lerp(row, cell, share) - 0.0 * error(j)"),
     ("plan bound: errors of moves are not taken off", f"{PROOF}/mod.rs", "lerp(next_row, cell, share) - self.share * error)", "lerp(next_row, cell, share) - 0.0 * error)"),
     ("plan bound: prices exceed that of undelivered energy", f"{PROOF}/mod.rs", "l.min(c.availability)", "l.max(0.0 * c.availability)"),
-    ("plan bound: smoothing raises values", f"{PROOF}/mod.rs", ".map(less).fold(f64::NEG_INFINITY, f64::max)", ".map(less).fold(f64::INFINITY, f64::min)"),
+    ("plan bound: smoothing raises values", f"{PROOF}/mod.rs", "*highest = larger(*highest, value - bend * (top - at) * (top - at))", "*highest = value - bend * (top - at) * (top - at)"),
     ("plan bound: heat of a product is free", f"{PROOF}/errors.rs", "step.heat * shape.heat_below_w", "0.0 * shape.heat_below_w"),
     ("plan bound: internal power lies on the chord", f"{PROOF}/errors.rs", "+ step.steepest[j] * shape.internal_w", "+ 0.0 * shape.internal_w"),
-    ("plan bound: delivered power has no kinks", f"{PROOF}/errors.rs", "(step.bend[j].1 * shape.convex_w).max(-step.bend[j].0 * shape.concave_w).max(0.0)", "0.0"),
+    ("plan bound: delivered power has no kinks", f"{PROOF}/errors.rs", "larger(0.0, larger(step.bend[j].1 * shape.convex_w, -step.bend[j].0 * shape.concave_w))", "0.0"),
     ("plan bound: the derating factor is even", f"{PROOF}/errors.rs", "+ step.uneven[j] * shape.max_power_w", ""),
     ("plan bound: deviations of heat have no value", f"{PROOF}/errors.rs", "step.rise * of_value", "0.0 * of_value"),
     ("plan bound: values have no kinks over temperature", f"{PROOF}/errors.rs", "+ step.rise * of_value + bend", "+ step.rise * of_value"),
@@ -179,7 +179,8 @@ RUST = [
     ("plan bound: resistance is constant in a cell", f"{PROOF}/moves.rs", "let product_w = 0.5 *", "let product_w = 0.0 *"),
     ("plan bound: current squared lies on the chord", f"{PROOF}/moves.rs", "0.25 * off.resistance_ohm.high * current_a * current_a", "0.0 * off.resistance_ohm.high * current_a * current_a"),
     ("plan bound: resistance is bilinear in a cell", f"{PROOF}/moves.rs", "off.resistance_off_ohm.0 = off.resistance_off_ohm.0.max(-resistance)", "off.resistance_off_ohm.0 = 0.0 * resistance"),
-    ("plan bound: a node counts the errors of one cell", f"{PROOF}/errors.rs", "at(i0, j0).max(at(i0, j1)).max(at(i1, j0)).max(at(i1, j1))", "at(i0, j0)"),
+    ("plan bound: a node counts the errors of one cell", f"{PROOF}/errors.rs", "larger(larger(at(i0, j0), at(i0, j1)), larger(at(i1, j0), at(i1, j1)))", "at(i0, j0)"),
+    ("plan bound: boxes that end with a current have no errors", f"{PROOF}/mod.rs", "larger(below[j], above[j])", "larger(f64::NEG_INFINITY, above[j])"),
 ]
 # fmt: on
 
