@@ -98,15 +98,11 @@ def test_the_day_is_delivered_by_an_equal_split_and_fewer_units_lose_less_in_inv
     assert missing_kw[:, 1:].max() < 1e-6 < missing_kw[:, 0].max(), "unit 1 alone is too hot"
 
 
-def test_the_optimiser_delivers_half_a_day_at_a_third_of_the_loss_of_an_equal_split(
-    m5bat: ModuleType,
-) -> None:
-    """The numbers of the whole day are in the documentation, and compared with it elsewhere."""
-    day_kw = pd.read_parquet(DATA / "bess/m5bat_2023-04-07_15min.parquet").M5BAT_P.to_numpy(np.float64)
-    demand_kw = day_kw[:48]
+def test_the_optimiser_delivers_the_day_at_a_third_of_the_loss_of_an_equal_split(m5bat: ModuleType) -> None:
+    demand_kw = pd.read_parquet(DATA / "bess/m5bat_2023-04-07_15min.parquet").M5BAT_P.to_numpy(np.float64)
     equal, mpc = (m5bat.replay(name, demand_kw) for name in ("equal", "mpc"))
     np.testing.assert_allclose(mpc.delivered_kw.sum(axis=1), demand_kw, atol=1e-6)
     assert mpc.fallbacks == 0
-    assert mpc.units_on.max() == 3, "losses rise steeply above 252 kVA"
+    assert 3 <= mpc.units_on.max() <= 4, "losses rise steeply above 252 kVA"
     losses = [(r.inverter_loss_kw + r.battery_loss_kw).sum() for r in (mpc, equal)]
     assert losses[0] < losses[1] / 3.0

@@ -162,6 +162,7 @@ impl Grid {
         let curve = string.loss(direction);
         let highest_w = curve.at(string.nominal_w()).1;
         let no_load_w = curve.internal_w(0.0, curve.at(0.0).0);
+        let factors: Row<f64> = std::array::from_fn(|j| p.derating.factor.at(self.temperature_c(j)));
         let mut out = Moves::default();
         for k in 0.. {
             let current_a = self.soc.step * k as f64 * p.capacity_ah / self.dt_h;
@@ -184,14 +185,14 @@ impl Grid {
                         let internal_w = volt * current_a - direction.sign() * heat_w;
                         let has_root = direction == Direction::Charge || 2.0 * ohm * current_a <= volt;
                         let allowed = p.voltage_allows(direction, volt, ohm * current_a);
-                        let factor = p.derating.factor.at(self.temperature_c(j));
-                        if has_root && allowed && factor > 0.0 {
+                        if has_root && allowed && factors[j] > 0.0 {
                             let power_w = match internal_w - no_load_w {
                                 below_w if below_w < 0.0 => below_w,
                                 _ => curve.largest_power(internal_w) + (internal_w - highest_w).max(0.0),
                             };
-                            request_w[j] = (power_w / factor) as f32;
-                            any |= power_w / factor <= string.nominal_w();
+                            let needed_w = power_w / factors[j];
+                            request_w[j] = needed_w as f32;
+                            any |= needed_w <= string.nominal_w();
                             inverter_w[j] = curve.at(power_w.max(0.0)).0 as f32;
                             battery_w[j] = heat_w as f32;
                         }
