@@ -20,6 +20,7 @@ mod cores;
 mod dispatch;
 mod error;
 mod explicit;
+mod extremes;
 mod model;
 mod one_step;
 mod plan;

@@ -6,7 +6,8 @@
 //! variable states its type. Structured text has no short-circuit evaluation and ignores case, so conditions do not
 //! rely on it and names differ in more than case.
 
-use super::{larger, smaller, Tables, MAX_STRINGS};
+use super::{Tables, MAX_STRINGS};
+use crate::extremes::{larger, smaller};
 
 // Indices of the demand features.
 pub(crate) const FEATURE_DISCHARGE_KWH: usize = 0;

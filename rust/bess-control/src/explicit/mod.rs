@@ -192,23 +192,3 @@ impl ExplicitLaw {
         Ok(request_kw)
     }
 }
-
-/// The larger number, the first of equal ones.
-#[inline]
-fn larger(a: f64, b: f64) -> f64 {
-    if b > a {
-        b
-    } else {
-        a
-    }
-}
-
-/// The smaller number, the first of equal ones.
-#[inline]
-fn smaller(a: f64, b: f64) -> f64 {
-    if b < a {
-        b
-    } else {
-        a
-    }
-}

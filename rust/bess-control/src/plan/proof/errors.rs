@@ -4,7 +4,8 @@ use bess_tables::units::SECONDS_PER_HOUR;
 
 use super::images::{Image, Images};
 use super::moves::{Corner, Moves};
-use super::{larger, smaller, Kind, MIN_FACTOR};
+use super::{Kind, MIN_FACTOR};
+use crate::extremes::{larger, smaller};
 use crate::model::Range;
 
 /// Prices of a step, and the resulting error terms of each temperature cell.

@@ -28,6 +28,7 @@ mod temperatures;
 use bess_tables::Direction;
 
 use crate::cores;
+use crate::extremes::{larger, smaller};
 use crate::model::{Range, StringModel, StringState};
 use crate::plan::problem::PlanProblem;
 use crate::plan::soc_nodes::SocNodes;
@@ -318,25 +319,6 @@ widest! {
                 *highest = larger(*highest, value - bend * (top - at) * (top - at));
             }
         }
-    }
-}
-
-/// The larger of two numbers, in one instruction as neither is NaN.
-#[inline(always)]
-fn larger(a: f64, b: f64) -> f64 {
-    if a > b {
-        a
-    } else {
-        b
-    }
-}
-
-#[inline(always)]
-fn smaller(a: f64, b: f64) -> f64 {
-    if a < b {
-        a
-    } else {
-        b
     }
 }
 
