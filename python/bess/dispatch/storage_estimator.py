@@ -6,6 +6,9 @@ from bess.checkpoints import Checkpointed
 from bess.dispatch.aggregate import StringEnergy
 from bess.system import State, System
 
+_LEVELS = np.linspace(0.0, 1.0, 201)
+"""States of charge at which the stored energy is tabulated."""
+
 
 class StorageEstimator(Checkpointed):
     """Energy of all strings between two states of charge.
@@ -26,6 +29,7 @@ class StorageEstimator(Checkpointed):
         self._nominal_kwh = system.nominal_energy_kwh
         fresh = State(np.full(system.n_strings, 0.5), np.full(system.n_strings, 25.0))
         self._energy = StringEnergy(system, fresh.soh_capacity)
+        self._level_kwh = self._energy.kwh(np.tile(_LEVELS, (system.n_strings, 1)))
         # As if one full charge had been measured before.
         self._charged_kwh = self.capacity_kwh(fresh)
         self._discharged_kwh = efficiency * self._charged_kwh
@@ -74,8 +78,4 @@ class StorageEstimator(Checkpointed):
 
     def soc_at(self, state: State, stored_kwh: float) -> float:
         """Return the common SOC of all strings at a total stored energy."""
-        levels = np.linspace(0.0, 1.0, 201)
-        held = [
-            (self._energy.kwh(np.full_like(self._soc_min, soc)) * state.soh_capacity).sum() for soc in levels
-        ]
-        return float(np.interp(stored_kwh, held, levels))
+        return float(np.interp(stored_kwh, state.soh_capacity @ self._level_kwh, _LEVELS))
