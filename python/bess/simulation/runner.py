@@ -6,8 +6,10 @@ import json
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -20,11 +22,16 @@ from bess.simulation.closed_loop import ClosedLoop
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.progress import reporting, stop_requests
 from bess.simulation.record import files, provenance, store
-from bess.simulation.record.dataset import FLOWS, describe_frame, write_netcdf
+from bess.simulation.record.dataset import FLOWS, dataset_of, describe_frame, write_netcdf
 from bess.simulation.record.result import RESULTS, Result, open_netcdf
 from bess.study.plant_choice import policy_settings
 from bess.study.study import Study, as_study
 from bess.system import System
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+T = TypeVar("T")
 
 MAX_PART_STEPS = 960
 """Maximum number of steps of a part, which is held in memory."""
@@ -83,40 +90,60 @@ def run(
     if policy is not None:
         name, own = as_policy(policy)
         study = study.with_values({"policy.name": name})
-    prepared = prepare(study, system)
+    loop = closed_loop(study, prepare(study, system), own)  # raises before a folder is created
     if out is not None:
-        return _run_in(Path(out), study, prepared, own, progress=progress, resume=resume)
+        return _run_in(Path(out), study, loop, progress=progress, resume=resume)
     if resume:
         raise InputError("resume: name the folder of the run with out")
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         try:
-            result = _run_in(Path(scratch), study, prepared, own, progress=progress, resume=False)
+            return _run_in_memory(Path(scratch), study, loop, progress=progress)
         except StoppedEarly:
             raise StoppedEarly(f"{study.name}: stopped; results not saved: no output folder (out)") from None
-        with result.dataset as dataset:
-            return replace(result, dataset=dataset.load(), directory=None)
 
 
-def _run_in(
-    directory: Path, study: Study, inputs: Inputs, own: Policy | None, *, progress: bool, resume: bool
-) -> Result:
-    loop = closed_loop(study, inputs, own)  # raises before the folder is created
+def _run_in_memory(scratch: Path, study: Study, loop: ClosedLoop, *, progress: bool) -> Result:
+    """Simulate with parts in a scratch folder, one of which is in memory at a time."""
+    dataset = _simulated(
+        scratch,
+        study,
+        loop,
+        lambda: dataset_of(_frame(study, loop), store.records(scratch)),
+        progress=progress,
+    )
+    return _result(dataset, scratch, loop.inputs.system)
+
+
+def _run_in(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool, resume: bool) -> Result:
+    inputs = loop.inputs
     identity = provenance.identity_of(study, inputs.system, inputs.files)
-    identity["frame"] = describe_frame(study, inputs.system, inputs.grid, loop.policy.statuses)
+    identity["frame"] = _frame(study, loop)
     files.make_folder(directory)
     with store.locked(directory):
         if not _is_finished(directory, identity, resume=resume):
-            if progress:
-                for note in inputs.notes:
-                    print(f"{study.name}: {note}", file=sys.stderr)
-            began = time.perf_counter()
-            files_s = _complete(directory, study, loop, progress=progress)
-            simulated = time.perf_counter()
-            _assemble(directory, identity)
-            if progress:
-                files_s += time.perf_counter() - simulated
-                print(_spent(study.name, loop, files_s, time.perf_counter() - began), file=sys.stderr)
+            _simulated(directory, study, loop, lambda: _assemble(directory, identity), progress=progress)
         return _finish(directory, inputs.system)
+
+
+def _frame(study: Study, loop: ClosedLoop) -> dict[str, Any]:
+    return describe_frame(study, loop.inputs.system, loop.inputs.grid, loop.policy.statuses)
+
+
+def _simulated(
+    directory: Path, study: Study, loop: ClosedLoop, record: Callable[[], T], *, progress: bool
+) -> T:
+    """Simulate to the end and make the ``record``; notes and where the time went go to standard error."""
+    if progress:
+        for note in loop.inputs.notes:
+            print(f"{study.name}: {note}", file=sys.stderr)
+    began = time.perf_counter()
+    files_s = _complete(directory, study, loop, progress=progress)
+    simulated = time.perf_counter()
+    made = record()
+    ended = time.perf_counter()
+    if progress:
+        print(_spent(study.name, loop, files_s + ended - simulated, ended - began), file=sys.stderr)
+    return made
 
 
 def _is_finished(directory: Path, identity: provenance.Identity, *, resume: bool) -> bool:
@@ -217,9 +244,13 @@ def _assemble(directory: Path, identity: provenance.Identity) -> None:
 
 def _finish(directory: Path, system: System) -> Result:
     """Compute the KPIs from the record, then delete the parts; repeated after a crash in between."""
-    dataset = open_netcdf(directory / RESULTS)
-    times = np.array(list(store.solve_times_s(directory).values()), dtype=np.float64)
-    values = kpis(dataset) | solve_time_kpis(times)
-    files.write_checked(directory / "kpis.json", json.dumps(values, indent=1).encode())
+    result = replace(_result(open_netcdf(directory / RESULTS), directory, system), directory=directory)
+    files.write_checked(directory / "kpis.json", json.dumps(result.kpis, indent=1).encode())
     store.remove_parts(directory)
-    return Result(dataset, values, directory, times, system)
+    return result
+
+
+def _result(dataset: xr.Dataset, directory: Path, system: System) -> Result:
+    """Result of a record, with the times of the log in a folder."""
+    times = np.array(list(store.solve_times_s(directory).values()), dtype=np.float64)
+    return Result(dataset, kpis(dataset) | solve_time_kpis(times), None, times, system)

@@ -136,6 +136,28 @@ FLOWS = tuple(
 """Variables taken directly from the plant, of every run."""
 
 
+def dataset_of(frame: Mapping[str, Any], records: Iterator[tuple[int, Record]]) -> xr.Dataset:
+    """Return ``records`` in memory, equal to the file of :func:`write_netcdf`."""
+    import xarray as xr
+
+    n_steps, attrs = frame["n_steps"], _attrs(frame)
+    arrays: Record = {}
+    for first, record in records:
+        for name, values in record.items():
+            if name not in arrays:
+                arrays[name] = np.empty((n_steps, *values.shape[1:]), VARIABLES[name].dtype)
+            arrays[name][first : first + len(values)] = values
+    dataset = xr.Dataset(
+        {name: (VARIABLES[name].dims, values, _read(attrs[name])) for name, values in arrays.items()},
+        {"time": ("time", _start_s(frame).astype("M8[s]").astype("M8[ns]"), {"long_name": _TIME})},
+        _read(frame["attrs"]),
+    )
+    indices = {name: np.arange(size) for name, size in dataset.sizes.items() if name != "time"}
+    return dataset.assign_coords(
+        {name: (name, index, {"long_name": _index_of(str(name))}) for name, index in indices.items()}
+    )
+
+
 _CHUNK_STEPS = 960
 _BATCH_BYTES = 8_000_000
 _BOOK_KEEPING_BYTES = 1 << 18
@@ -154,25 +176,20 @@ def write_netcdf(path: Path, frame: Mapping[str, Any], records: Iterator[tuple[i
 
     batches = _batches(records)
     first_batch = next(batches)
-    n_steps = frame["n_steps"]
-    more_attrs = {
-        "limits": _flags("flag_masks", frame["limit_flags"]),
-        "solver_status": _flags("flag_values", frame["statuses"]),
-    }
+    n_steps, attrs = frame["n_steps"], _attrs(frame)
     # HDF5 crashes the process if a write fails, so the disk space is checked first.
     _try_size(path, _largest_size(first_batch[1], n_steps))
     with h5netcdf.File(path, "w") as file:
-        attrs = frame["attrs"].items()
-        file.attrs.update({key: np.array(each) if isinstance(each, list) else each for key, each in attrs})
+        own = frame["attrs"].items()
+        file.attrs.update({key: np.array(each) if isinstance(each, list) else each for key, each in own})
         file.dimensions = {"time": n_steps}
         time = file.create_variable("time", ("time",), np.int64)
         time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
-        time.attrs["long_name"] = "start of the step (UTC)"
-        time[:] = frame["start_s"] + frame["step_s"] * np.arange(n_steps)
+        time.attrs["long_name"] = _TIME
+        time[:] = _start_s(frame)
         # Looked up once, because every look-up in the file reopens the variable.
         variables = {
-            name: _create(file, name, values, n_steps, more_attrs.get(name, {}))
-            for name, values in first_batch[1].items()
+            name: _create(file, name, values, n_steps, attrs[name]) for name, values in first_batch[1].items()
         }
         for first, record in itertools.chain([first_batch], batches):
             for name, values in record.items():
@@ -215,14 +232,41 @@ def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Map
         if dimension not in file.dimensions:
             file.dimensions[dimension] = size
             index = file.create_variable(dimension, (dimension,), np.int64)
-            index.attrs["long_name"] = f"index of the {dimension}, from 0"
+            index.attrs["long_name"] = _index_of(dimension)
             index[:] = np.arange(size)
     chunks = (min(n_steps, _CHUNK_STEPS), *values.shape[1:])
     created = file.create_variable(
         name, variable.dims, np.dtype(variable.dtype), chunks=chunks, fletcher32=True
     )
-    created.attrs.update({"units": variable.units, "long_name": variable.long_name, **attrs})
+    created.attrs.update(attrs)
     return created
+
+
+_TIME = "start of the step (UTC)"
+
+
+def _start_s(frame: Mapping[str, Any]) -> NDArray[np.int64]:
+    return np.asarray(frame["start_s"] + frame["step_s"] * np.arange(frame["n_steps"]), dtype=np.int64)
+
+
+def _index_of(dimension: str) -> str:
+    return f"index of the {dimension}, from 0"
+
+
+def _read(attrs: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes as a file gives them: a list of one number as that number."""
+    return {
+        key: np.squeeze(each)[()] if isinstance(each, list | np.ndarray) else each
+        for key, each in attrs.items()
+    }
+
+
+def _attrs(frame: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Attributes of every variable."""
+    attrs = {name: {"units": each.units, "long_name": each.long_name} for name, each in VARIABLES.items()}
+    attrs["limits"] |= _flags("flag_masks", frame["limit_flags"])
+    attrs["solver_status"] |= _flags("flag_values", frame["statuses"])
+    return attrs
 
 
 def describe_frame(

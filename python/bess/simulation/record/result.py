@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -15,7 +14,7 @@ from bess.arrays import Array
 from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.optional_dependencies import extra
-from bess.simulation.record.dataset import write_netcdf
+from bess.simulation.record.dataset import dataset_of
 from bess.simulation.record.files import check_file
 from bess.simulation.record.provenance import IDENTITY, read_identity
 from bess.simulation.record.store import parts, read_record, records
@@ -117,11 +116,7 @@ def open_result(directory: str | Path) -> xr.Dataset:
         raise InputError(f"{directory}: nothing has been saved yet; continue the run with resume")
     n_last = len(read_record(saved[-1])["demand_kw"])
     frame = identity["frame"] | {"n_steps": int(saved[-1].stem) + n_last}
-    with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
-        path = Path(scratch) / RESULTS
-        write_netcdf(path, frame, records(directory))
-        with open_netcdf(path) as dataset:
-            return dataset.load()
+    return dataset_of(frame, records(directory))
 
 
 def scenario_directories(directory: str | Path) -> dict[str, Path]:
