@@ -155,8 +155,7 @@ impl PlanProblem<'_> {
         }
         let (mut dual, mut cycle) = (None, pair::rounds(self.n_strings()));
         if effort.fresh_rollouts > 0 {
-            // Several rules give the same schedule for identical strings.
-            starts.dedup_by(|a, b| a.request_w() == b.request_w());
+            starts.truncate(1);
             (starts, dual) = problem.fresh(starts, effort);
             cycle = problem.cycle_of_all_moves();
         }
