@@ -201,7 +201,7 @@ def tables(stored: Mapping[str, Any]) -> dict[str, str]:
                       *losses, _share(possible, mpc.lost_kwh)])  # fmt: skip
         for policy, each in scores.items():
             full.append([f"`{name}`", f"`{policy}`", *_kwh(each.lost_kwh, each.undelivered_kwh),
-                         f"{each.starts:.0f}", f"{each.peak_c:.1f}", f"{each.cpu_s:.1f}",
+                         f"{each.starts:.0f}", f"{each.peak_c:.1f}", f"{each.cpu_s:.2g}",
                          _share(possible, each.lost_kwh)])  # fmt: skip
     money = [["scenario", *(f"`{policy}`" for policy in next(iter(stored["trades"].values())))]]
     for name, trade in stored["trades"].items():
