@@ -1,6 +1,7 @@
 """The way in for users: what `pip install` brings, in an environment that has nothing of this checkout."""
 
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -37,6 +38,7 @@ def empty_environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # Unoptimised, in half of the time: what the package contains does not depend on it.
     pip_wheel = (sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", work / "wheel", sdist)
     _run(*pip_wheel, cwd=work, CARGO_TARGET_DIR=str(work / "target"), MATURIN_PEP517_ARGS="--profile dev")
+    shutil.rmtree(work / "target")  # half a gigabyte
     (wheel,) = (work / "wheel").glob("*.whl")
     assert "abi3" in wheel.name
     venv.create(work / "env", with_pip=True)
