@@ -90,11 +90,11 @@ def run(
     if policy is not None:
         name, own = as_policy(policy)
         study = study.with_values({"policy.name": name})
+    if resume and out is None:
+        raise InputError("resume: name the folder of the run with out")
     loop = closed_loop(study, prepare(study, system), own)  # raises before a folder is created
     if out is not None:
         return _run_in(Path(out), study, loop, progress=progress, resume=resume)
-    if resume:
-        raise InputError("resume: name the folder of the run with out")
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         try:
             return _run_in_memory(Path(scratch), study, loop, progress=progress)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bess import __version__
 from bess.arrays import Array
@@ -136,6 +136,9 @@ FLOWS = tuple(
 """Variables taken directly from the plant, of every run."""
 
 
+_TIME = "start of the step (UTC)"
+
+
 def dataset_of(frame: Mapping[str, Any], records: Iterator[tuple[int, Record]]) -> xr.Dataset:
     """Return ``records`` in memory, equal to the file of :func:`write_netcdf`."""
     import xarray as xr
@@ -148,9 +151,9 @@ def dataset_of(frame: Mapping[str, Any], records: Iterator[tuple[int, Record]]) 
                 arrays[name] = np.empty((n_steps, *values.shape[1:]), VARIABLES[name].dtype)
             arrays[name][first : first + len(values)] = values
     dataset = xr.Dataset(
-        {name: (VARIABLES[name].dims, values, _read(attrs[name])) for name, values in arrays.items()},
+        {name: (VARIABLES[name].dims, values, attrs[name]) for name, values in arrays.items()},
         {"time": ("time", _start_s(frame).astype("M8[s]").astype("M8[ns]"), {"long_name": _TIME})},
-        _read(frame["attrs"]),
+        _attrs_of_run(frame),
     )
     indices = {name: np.arange(size) for name, size in dataset.sizes.items() if name != "time"}
     return dataset.assign_coords(
@@ -180,8 +183,7 @@ def write_netcdf(path: Path, frame: Mapping[str, Any], records: Iterator[tuple[i
     # HDF5 crashes the process if a write fails, so the disk space is checked first.
     _try_size(path, _largest_size(first_batch[1], n_steps))
     with h5netcdf.File(path, "w") as file:
-        own = frame["attrs"].items()
-        file.attrs.update({key: np.array(each) if isinstance(each, list) else each for key, each in own})
+        file.attrs.update(_attrs_of_run(frame))
         file.dimensions = {"time": n_steps}
         time = file.create_variable("time", ("time",), np.int64)
         time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
@@ -242,9 +244,6 @@ def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Map
     return created
 
 
-_TIME = "start of the step (UTC)"
-
-
 def _start_s(frame: Mapping[str, Any]) -> NDArray[np.int64]:
     return np.asarray(frame["start_s"] + frame["step_s"] * np.arange(frame["n_steps"]), dtype=np.int64)
 
@@ -253,12 +252,13 @@ def _index_of(dimension: str) -> str:
     return f"index of the {dimension}, from 0"
 
 
-def _read(attrs: Mapping[str, Any]) -> dict[str, Any]:
-    """Attributes as a file gives them: a list of one number as that number."""
-    return {
-        key: np.squeeze(each)[()] if isinstance(each, list | np.ndarray) else each
-        for key, each in attrs.items()
-    }
+def _attrs_of_run(frame: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: _given(each) if isinstance(each, list) else each for key, each in frame["attrs"].items()}
+
+
+def _given(values: ArrayLike) -> Any:
+    """An attribute as a file gives it: a list of one number as that number."""
+    return np.squeeze(values)[()]
 
 
 def _attrs(frame: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -363,4 +363,5 @@ def _flags(key: str, meanings: Mapping[str, str]) -> dict[str, Any]:
     words = [
         text.rstrip(".").replace(",", "").replace(";", "").replace(" ", "_") for text in meanings.values()
     ]
-    return {key: np.array([int(code) for code in meanings], dtype=np.int32), "flag_meanings": " ".join(words)}
+    codes = np.array([int(code) for code in meanings], dtype=np.int32)
+    return {key: _given(codes), "flag_meanings": " ".join(words)}

@@ -144,18 +144,15 @@ impl PlanProblem<'_> {
         let carried = previous.map(|request_w| starts::carried_on(self, request_w));
         self.aim_for_balance(carried.as_deref());
         let problem: &Self = self;
-        let mut starts = cores::map(Rule::ALL.to_vec(), |rule| starts::of_rule(rule, problem));
-        starts.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
-        let rule_cost = starts[0].cost();
-        let mut replaced_work = 0;
+        let mut rules = cores::map(Rule::ALL.to_vec(), |rule| starts::of_rule(rule, problem));
+        rules.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+        let rule_cost = rules[0].cost();
         let carried = carried.map(|request_w| Paths::new(problem, request_w));
-        if let Some(carried) = carried.filter(|carried| carried.cost() <= rule_cost) {
-            replaced_work = starts.iter().map(|rule| rule.work).sum();
-            starts = vec![carried];
-        }
+        let carried = carried.filter(|carried| carried.cost() <= rule_cost);
+        let mut starts = vec![carried.unwrap_or_else(|| rules.remove(0))];
+        let replaced_work: u64 = rules.iter().map(|rule| rule.work).sum();
         let (mut dual, mut cycle) = (None, pair::rounds(self.n_strings()));
         if effort.fresh_rollouts > 0 {
-            starts.truncate(1);
             (starts, dual) = problem.fresh(starts, effort);
             cycle = problem.cycle_of_all_moves();
         }
