@@ -13,6 +13,7 @@
 //! SI units; requests are magnitudes with a direction for each step (that of the demand). Arrays over strings and steps are
 //! flat and string-major: `(M, T)`.
 
+// The helpers that tests and benches share name the crate.
 #[cfg(test)]
 extern crate self as bess_control;
 
@@ -28,6 +29,8 @@ mod reach;
 mod reactive;
 mod rules;
 mod search;
+#[cfg(test)]
+mod tests;
 mod widest;
 
 pub use dispatch::{DispatchBlock, DispatchProblem, Store, StoreGrid, StoreState};

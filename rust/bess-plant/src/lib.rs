@@ -17,12 +17,9 @@
 //! have a limit, `thermal.rs` for the heat). Where strings share a
 //! coolant, `cooling/station.rs` steps the blocks in turn, with the coolant between them.
 
-// The helpers that integration tests and benches share name the crate.
+// The helpers that tests and benches share name the crate.
 #[cfg(test)]
 extern crate self as bess_plant;
-#[cfg(test)]
-#[path = "../tests/common/mod.rs"]
-mod common;
 
 pub mod ageing;
 mod block;
@@ -34,6 +31,8 @@ mod line;
 mod measured_resistance;
 mod plant;
 mod record;
+#[cfg(test)]
+mod tests;
 mod thermal;
 
 pub use block::DeratingLaw;

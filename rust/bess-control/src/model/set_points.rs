@@ -86,7 +86,7 @@ impl ControlHorizon {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::common;
+    use crate::tests::common;
 
     const N_STRINGS: usize = 4;
     const LIMIT_W: f64 = 92e3;

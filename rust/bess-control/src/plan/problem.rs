@@ -442,7 +442,7 @@ impl<'a> PlanProblem<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::common;
+    use crate::tests::common;
     use bess_tables::Lut;
 
     #[test]

@@ -137,7 +137,8 @@ fn within_ceiling(budget_w: f64, ceiling: f64, costs: &[Losses]) -> f64 {
 #[cfg(test)]
 mod tests {
     use crate::model::{ControlHorizon, ControlModel, SplitProblem};
-    use crate::search::{common, Effort};
+    use crate::search::Effort;
+    use crate::tests::common;
 
     /// Charge for two of four steps: the first steps shed nothing at their own optima, the last ones do.
     #[test]

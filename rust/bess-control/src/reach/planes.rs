@@ -92,7 +92,7 @@ fn hull_slope(points: &[(f64, f64)], at: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::model::Range;
-    use crate::search::common;
+    use crate::tests::common;
     use bess_tables::Grid;
 
     /// The reference string, and one whose open-circuit voltage depends on temperature.

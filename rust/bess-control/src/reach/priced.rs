@@ -96,7 +96,7 @@ fn largest(costs: &[f64; 4]) -> f64 {
 #[cfg(test)]
 mod tests {
     use crate::model::ControlHorizon;
-    use crate::search::common;
+    use crate::tests::common;
 
     const SIZE: usize = 12;
     const SCHEDULES: usize = 400;

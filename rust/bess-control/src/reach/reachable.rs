@@ -47,7 +47,7 @@ mod tests {
 
     use super::*;
     use crate::model::{Interval, StringModel, StringState};
-    use crate::search::common;
+    use crate::tests::common;
 
     /// What a state at a corner of the box may be beyond the range by rounding.
     const ABOVE: f64 = 1.0 + 1e-12;

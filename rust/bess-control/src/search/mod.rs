@@ -11,7 +11,3 @@ mod perturbation;
 
 pub use incumbent::{Incumbent, Schedule};
 pub use multistart::{Effort, Split};
-
-#[cfg(test)]
-#[path = "../../tests/common/mod.rs"]
-pub(crate) mod common;

@@ -104,7 +104,7 @@ mod tests {
 
     /// Two strings of 92 kW with this total demand.
     fn horizon(demand_w: &[f64]) -> ControlHorizon {
-        crate::search::common::one_objective(2, demand_w)
+        crate::tests::common::one_objective(2, demand_w)
     }
 
     const DEMAND_W: [f64; 4] = [30e3, 90e3, 80e3, 60e3];

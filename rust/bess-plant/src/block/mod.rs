@@ -153,9 +153,9 @@ impl<const W: usize> Block<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::common;
     use crate::plant::{starting_ageing, PlantState, Schedule};
     use crate::record::Record;
+    use crate::tests::common;
 
     /// Eight strings through all regimes: full, empty, hot, idle.
     fn record<const W: usize>(

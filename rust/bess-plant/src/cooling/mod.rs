@@ -56,7 +56,7 @@ pub(crate) fn cop(cooling: &Cooling, supply_c: f64, ambient_c: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::common;
+    use crate::tests::common;
 
     #[test]
     fn a_chiller_reaches_its_share_of_carnot_and_no_more_than_its_cap() {

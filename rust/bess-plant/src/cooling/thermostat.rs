@@ -41,7 +41,7 @@ pub(super) fn share(cooling: &Cooling, stages: u8, mean_c: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::common;
+    use crate::tests::common;
 
     #[test]
     fn stages_begin_one_step_apart_and_end_a_dead_band_below() {

@@ -5,7 +5,7 @@ use bess_tables::{Axis, Lut};
 use super::*;
 use crate::dispatch::StoreGrid;
 use crate::model::ControlModel;
-use crate::search::common;
+use crate::tests::common;
 
 /// Two strings on a grid of five energies, three temperatures and `depths`, with five powers.
 fn store(depths: &[f64]) -> Store {

@@ -190,7 +190,7 @@ mod tests {
     use super::*;
     use crate::model::{ControlModel, Losses};
     use crate::plan::problem::Prices;
-    use crate::search::common;
+    use crate::tests::common;
     use bess_tables::Direction;
 
     #[test]

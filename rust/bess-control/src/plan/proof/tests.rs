@@ -4,7 +4,7 @@ use super::*;
 use crate::model::{ControlModel, Interval, Losses};
 use crate::plan::problem::Point;
 use crate::plan::{dual, Prices};
-use crate::search::common;
+use crate::tests::common;
 
 const COARSE: Fineness = Fineness { soc_cells: 40, temperature_k: 4.0 };
 

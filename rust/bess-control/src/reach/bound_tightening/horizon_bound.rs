@@ -217,7 +217,7 @@ impl<'a> HorizonBound<'a> {
 mod tests {
     use super::*;
     use crate::model::Range;
-    use crate::search::common;
+    use crate::tests::common;
 
     const DEMAND_W: f64 = 150e3;
     /// Both strings cost the same.

@@ -1,11 +1,10 @@
 //! Claims about strings that age, beside the laws themselves.
 
-use bess_plant::ageing::models::MODELS;
-use bess_plant::ageing::{AgeingState, Standing, StringAgeing};
-use bess_plant::{DeratingLaw, Plant, PlantState, Record};
+use crate::ageing::models::MODELS;
+use crate::ageing::{AgeingState, Standing, StringAgeing};
+use crate::tests::common;
+use crate::{DeratingLaw, Plant, PlantState, Record};
 use proptest::prelude::*;
-
-mod common;
 
 const DAYS: usize = 4;
 

@@ -1,10 +1,8 @@
 //! No schedule goes below a bound or leaves the states that it is said to stay in: random schedules, near every end.
-#![allow(missing_docs)]
 
-use bess_control::{ControlHorizon, ControlModel, Effort, Losses, SplitProblem, StateBox};
+use crate::tests::common;
+use crate::{ControlHorizon, ControlModel, Effort, Losses, SplitProblem, StateBox};
 use bess_tables::System;
-
-mod common;
 
 const N_STRINGS: usize = 3;
 const N_STEPS: usize = 5;

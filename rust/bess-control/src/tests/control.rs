@@ -1,11 +1,9 @@
 //! Properties of the control model and of what the search builds on it, on random states and requests.
-#![allow(missing_docs)]
 
-use bess_control::{ControlModel, Effort, Interval, Range, StateBox, StringModel, StringState};
+use crate::tests::common;
+use crate::{ControlModel, Effort, Interval, Range, StateBox, StringModel, StringState};
 use bess_tables::Direction;
 use proptest::prelude::*;
-
-mod common;
 
 fn string() -> StringModel {
     ControlModel::new(&common::reference(1)).strings()[0].clone()

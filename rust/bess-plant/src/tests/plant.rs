@@ -1,11 +1,10 @@
 //! Claims about the plant that need many cases, or the binary alone.
 
-use bess_plant::{DeratingLaw, Limits, Plant, PlantState, Record};
+use crate::tests::common;
+use crate::{DeratingLaw, Limits, Plant, PlantState, Record};
 use bess_tables::{Direction, System};
 use proptest::prelude::*;
 use serde_json::json;
-
-mod common;
 
 const STEP_S: f64 = 10.0;
 const CONTROL_S: f64 = 900.0;
