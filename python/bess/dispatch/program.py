@@ -152,13 +152,10 @@ class StoreProgram(LinearProgram):
 
         cost, lower, upper = self.data()
         n, size = self._hours.size, cost.size
-        length, change = sparse.diags_array(self._hours), sparse.eye_array(n) - sparse.eye_array(n, k=-1)
-        balance = [
-            -self._one_way_efficiency * length,
-            length / self._one_way_efficiency,
-            change,
-            sparse.csr_array((n, size - 3 * n)),
-        ]
+        step, one = np.arange(n), np.ones(n)
+        value = [-self._one_way_efficiency * self._hours, self._hours / self._one_way_efficiency, one, -one[1:]]
+        row, column = [step, step, step, step[1:]], [self.charge, self.discharge, self.stored, self.stored[:-1]]
+        balance = np.concatenate(value), (np.concatenate(row), np.concatenate(column))
         rows, limits = self.rows()
         start = np.zeros(n)
         start[0] = self._initial
@@ -167,7 +164,7 @@ class StoreProgram(LinearProgram):
                 cost,
                 A_ub=rows.tocsr(),
                 b_ub=limits,
-                A_eq=sparse.hstack(balance, format="csr"),
+                A_eq=sparse.csr_array(balance, shape=(n, size)),
                 b_eq=start,
                 bounds=np.column_stack([lower, upper]),
                 integrality=np.arange(size) >= size - self._binaries if self._binaries else None,
