@@ -10,20 +10,23 @@ endif
 unexport PYTHONDONTWRITEBYTECODE # hundreds of tests start the command, and each would compile the package anew
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name 'Cargo.toml')
 
-.PHONY: demo test test-rust test-python lint bench cases arena docs lock surface release wheel clean
+.PHONY: demo test test-rust test-python test-processes lint bench cases arena docs lock surface release wheel clean
 
 demo: $(VENV)/built
 	rm -rf demo-case1
 	$(BIN)/bess run case1 --out demo-case1
 
-test: test-rust test-python
+test: test-rust test-python test-processes
 
 test-rust:
 	cargo test --locked
 
-# On every core and one more, as some tests wait; then those that start processes or a browser, a file at a time.
+# On every core and one more, as some tests wait.
 test-python: $(VENV)/built
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m 'not slow and not process and not browser'
+
+# Those that start processes or a browser, a file at a time.
+test-processes: $(VENV)/built
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m 'not slow and (process or browser)' \
 		$$(grep -lrE 'mark\.(process|browser)' --include='test_*.py' tests)
 

@@ -207,17 +207,17 @@ def test_the_bundled_front_has_21_weights_that_sum_to_one() -> None:
     assert sorted(goal.inverter.weight for goal in goals) == pytest.approx([i / 20 for i in range(21)])
 
 
-def bess_sweep(study: Path, out: Path) -> subprocess.Popen[str]:
+def bess_sweep(study: Path, out: Path, *options: str) -> subprocess.Popen[str]:
     """The command in a group of processes of its own, as a terminal starts it."""
-    words = [sys.executable, "-m", "bess", "sweep", str(study), "--workers", "2", "--out", str(out)]
+    words = [sys.executable, "-m", "bess", "sweep", str(study), "--out", str(out), *options]
     return subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
 
 
-def test_one_bad_value_is_said_once_with_the_count(tmp_path: Path) -> None:
+def test_one_bad_value_is_said_once_with_the_count(tmp_path: Path, cluster: Any) -> None:
     study_of(tmp_path, 0.25, '[system]\nfile = "nowhere.toml"\n')
-    sweep = bess_sweep(tmp_path / "soc.toml", tmp_path / "out")
+    sweep = bess_sweep(tmp_path / "soc.toml", tmp_path / "out", "--scheduler", cluster.scheduler_address)
     _, said = sweep.communicate(timeout=120)
     assert sweep.returncode == 1
     last = said.strip().splitlines()[-1]
@@ -229,7 +229,7 @@ def test_one_bad_value_is_said_once_with_the_count(tmp_path: Path) -> None:
 @pytest.mark.process
 def test_ctrl_c_ends_a_sweep_with_one_line_and_none_of_its_workers(tmp_path: Path) -> None:
     study_of(tmp_path, 300)
-    sweep = bess_sweep(tmp_path / "soc.toml", tmp_path / "out")
+    sweep = bess_sweep(tmp_path / "soc.toml", tmp_path / "out", "--workers", "2")
     deadline = time.monotonic() + 120.0
     while not list((tmp_path / "out").glob("*/parts/*.npz")) and time.monotonic() < deadline:
         time.sleep(0.05)

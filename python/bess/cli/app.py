@@ -216,11 +216,10 @@ def compare(
     from bess.cli.records import kpi_table, runs_of
     from bess.report import drawing_extra
 
+    runs = runs_of(directories)
     with drawing_extra():
         from bess.report.page import write_comparison
         from bess.report.words.summary import choices, unlike
-
-    runs = runs_of(directories)
     if differing := unlike(runs) or choices(runs):
         print(f"{differing}\n")
     print(kpi_table({name: run.kpis for name, run in runs.items()}))
