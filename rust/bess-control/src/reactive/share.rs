@@ -307,12 +307,7 @@ mod tests {
         let running =
             [38.0, 7.5, 74.0, 60.0, 5.0, 53.0, 51.0].map(|active_w| inverter(&curve, active_w, 2.0));
         let cost_w = |inverters: &[Inverter<'_>]| -> f64 {
-            let cost = |(q, i): (f64, &Inverter<'_>)| match (q > 0.0, i.active_w > 0.0) {
-                (_, true) => i.loss_w(q),
-                (true, false) => i.loss_w(q) + i.start_w,
-                (false, false) => 0.0,
-            };
-            share(inverters, 645.0).into_iter().zip(inverters).map(cost).sum()
+            share(inverters, 645.0).into_iter().zip(inverters).map(|(q, inverter)| inverter.cost_w(q)).sum()
         };
         let all_w = cost_w(&[running.to_vec(), idle(9)].concat());
         for n in 2..9 {
