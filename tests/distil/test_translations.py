@@ -155,7 +155,7 @@ def test_structured_text_is_read_by_a_parser_of_the_language(name: str) -> None:
 def test_names_differ_in_more_than_case_and_are_not_reserved() -> None:
     tables = {*places(), *constants(controller(SYSTEMS["two"]()))}
     for function in functions().values():
-        variables = (name.rstrip("_") for name in {**function.scalars, **function.arrays})
+        variables = (name.rstrip("_") for name in function.variables)
         names = {*function.arguments, *variables}
         together = [name.upper() for name in (*names, *tables)]
         assert len(set(together)) == len(together), sorted({n for n in together if together.count(n) > 1})

@@ -28,13 +28,12 @@ Constants = Mapping[str, float | tuple[float, ...]]
 class Function:
     """A function of the law.
 
-    ``arguments`` and ``scalars`` map names to Rust types, ``arrays`` to element type and size. A statement
-    ends with ``{``, ``}`` or ``;``.
+    ``arguments`` maps names to Rust types, ``variables`` to the type of an element and the size, which is
+    empty for a scalar. A statement ends with ``{``, ``}`` or ``;``.
     """
 
     arguments: Mapping[str, str]
-    scalars: Mapping[str, str]
-    arrays: Mapping[str, tuple[str, str]]
+    variables: Mapping[str, tuple[str, str]]
     statements: Sequence[str]
     constants: frozenset[str]
 
@@ -62,13 +61,14 @@ def functions() -> dict[str, Function]:
 
 def _function(arguments: str, body: str) -> Function:
     given = re.findall(r"(\w+): (&mut \[f64\]|&\[f64\]|f64)", arguments)
+    arrays = re.findall(r"let mut (\w+) = array\((\S+), (.*?)\)", body)
     scalars = re.findall(r"let (?:mut )?(\w+): (\w+) =", body)
     counters = re.findall(r"for (\w+) in", body)
-    arrays = re.findall(r"let (?:mut )?(\w+) = array\((\S+), (.*?)\)", body)
+    variables = {name: ("f64" if zero == "0.0" else "bool", size) for name, zero, size in arrays}
+    variables |= {name: (kind, "") for name, kind in scalars}
     return Function(
         {name: kind for name, kind in given if name != "weights"},
-        {**dict(scalars), **dict.fromkeys(counters, "usize")},
-        {name: ("f64" if zero == "0.0" else "bool", size) for name, zero, size in arrays},
+        {**variables, **dict.fromkeys(counters, ("usize", ""))},
         re.findall(r"\} else[^{]*\{|\}|[^{}; ][^{};]*[{;]", " ".join(body.split())),
         frozenset(re.findall(r"\b[A-Z][A-Z_0-9]+\b", body)),
     )
@@ -232,8 +232,7 @@ def st_source(constants: Constants, about: str) -> str:
         for argument, kind in function.arguments.items():
             size = "" if kind == "f64" else extents.get(argument, "STRINGS")
             heads["VAR_OUTPUT" if "mut" in kind else "VAR_INPUT"].append(declared(argument, "f64", size))
-        heads["VAR"] += [declared(array, *kind) for array, kind in function.arrays.items()]
-        heads["VAR"] += [declared(scalar, kind) for scalar, kind in function.scalars.items()]
+        heads["VAR"] += [declared(variable, *kind) for variable, kind in function.variables.items()]
         heads["VAR"].append(declared(COUNTER, "usize"))
         for constant, value in everything.items():
             if constant in function.constants:
