@@ -93,7 +93,7 @@ def cases(system: bess.System, n: int, seed: int, steps: int = 24) -> Iterator[C
 
 def in_python(law: ExplicitController, case: Case) -> Array:
     """The law as plain Python, with the tables of this controller for its names in capitals."""
-    names: dict[str, Any] = {**places(), **constants(law), "sqrt": sqrt}
+    names: dict[str, Any] = {**constants(law), "sqrt": sqrt}
     exec(_python(), names)
     features = [0.0] * places()["N_FEATURES"]
     request_kw = [0.0] * case.limit_kw.size

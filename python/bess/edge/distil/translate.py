@@ -163,15 +163,15 @@ STRUCTURED_TEXT: Final = Language(
 between calls, so arrays are cleared by a loop."""
 
 
-def c_header(n_strings: int, steps: int, about: str) -> str:
+def c_header(constants: Constants, about: str) -> str:
     """Text of ``split.h``."""
     return f"""/* {about} */
 #ifndef BESS_SPLIT_H
 #define BESS_SPLIT_H
 
-#define BESS_STRINGS {n_strings}
-#define BESS_STEPS {steps}
-#define BESS_FEATURES {places()["N_FEATURES"]}
+#define BESS_STRINGS {constants["STRINGS"]}
+#define BESS_STEPS {constants["STEPS"]}
+#define BESS_FEATURES {constants["N_FEATURES"]}
 
 /* Compute the demand features of a forecast.
  * ahead_kw: demand of the step that begins and of those after it, positive = discharge, BESS_STEPS values;
@@ -192,8 +192,7 @@ def c_header(n_strings: int, steps: int, about: str) -> str:
 def c_source(constants: Constants, about: str) -> str:
     """Text of ``split.c``; compile without contraction of floating-point operations (-ffp-contract=off)."""
     lines = [f"/* {about} */", "#include <math.h>", "", '#include "split.h"', ""]
-    everything = {**places(), **constants}
-    lines += [f"enum {{ {name} = {value} }};" for name, value in everything.items() if type(value) is int]
+    lines += [f"enum {{ {name} = {value} }};" for name, value in constants.items() if type(value) is int]
     for name, value in constants.items():
         if isinstance(value, tuple):
             lines.append(f"static const double {name}[{len(value)}] = {{\n{_listed(value, INDENT)}\n}};")
@@ -217,11 +216,10 @@ def st_source(constants: Constants, about: str) -> str:
 
     Each function block contains its constants: the standard allows global ones in a configuration only.
     """
-    everything = {**places(), **constants}
     extents = {"ahead_kw": "STEPS", "features": "N_FEATURES"}
 
     def declared(name: str, kind: str, size: str = "") -> str:
-        parts = [everything.get(part, part) for part in size.split(" + ") if part]
+        parts = [constants.get(part, part) for part in size.split(" + ") if part]
         extent = sum(int(str(part)) for part in parts)
         array = f"ARRAY[0..{extent - 1}] OF " if size else ""
         return STRUCTURED_TEXT.text(f"{name} : {array}{kind};")
@@ -234,7 +232,7 @@ def st_source(constants: Constants, about: str) -> str:
             heads["VAR_OUTPUT" if "mut" in kind else "VAR_INPUT"].append(declared(argument, "f64", size))
         heads["VAR"] += [declared(variable, *kind) for variable, kind in function.variables.items()]
         heads["VAR"].append(declared(COUNTER, "usize"))
-        for constant, value in everything.items():
+        for constant, value in constants.items():
             if constant in function.constants:
                 heads["VAR CONSTANT"].append(_st_constant(constant, value))
         lines += ["", f"FUNCTION_BLOCK BESS_{name.upper()}"]
@@ -261,10 +259,10 @@ def _listed(values: Sequence[float], indent: str) -> str:
     return ",\n".join(indent + ", ".join(repr(float(value)) for value in row) for row in rows)
 
 
-def constants(controller: ExplicitController) -> dict[str, float | tuple[float, ...]]:
-    """Tables and weights, by their names in the control law."""
-    tables = {name.upper(): getattr(controller.tables, name) for name in type(controller.tables).model_fields}
-    return {**tables, "WEIGHTS": controller.weights}
+def constants(controller: ExplicitController) -> Constants:
+    """Positions, tables and weights, by their names in the control law."""
+    tables = {name.upper(): value for name, value in controller.tables}
+    return {**places(), **tables, "WEIGHTS": controller.weights}
 
 
 def exports(controller: ExplicitController) -> dict[str, str]:
@@ -278,6 +276,6 @@ def exports(controller: ExplicitController) -> dict[str, str]:
     return {
         "policy.json": controller.to_json(),
         "split.c": c_source(values, about),
-        "split.h": c_header(tables.strings, tables.steps, about),
+        "split.h": c_header(values, about),
         "split.st": st_source(values, about),
     }
