@@ -57,17 +57,16 @@ class Evaluation:
 def trials(study: Study, controller: ExplicitController) -> Iterator[Evaluation]:
     """Evaluate the study and, if its demand is a profile, demands that were not part of the training."""
     shortfall = controller.tables.shortfall
-    for scale in (1.0, *(UNTRAINED_DEMANDS if study.demand.kind == "profile" else ())):
-        asked = study
-        if study.demand.kind == "profile" and scale != 1.0:
-            asked = study.with_values({"demand.scale": scale * study.demand.scale})
+    asked = {"as studied": study}
+    if study.demand.kind == "profile":
+        for scale in UNTRAINED_DEMANDS:
+            asked[f"demand x {scale:g}"] = study.with_values({"demand.scale": scale * study.demand.scale})
+    for label, each in asked.items():
         scores = {
-            name: _score(asked.with_values({"policy.name": name}), None, shortfall)
-            for name in (*RULES, "mpc")
+            name: _score(each.with_values({"policy.name": name}), None, shortfall) for name in (*RULES, "mpc")
         }
-        scores["distilled"] = _score(asked, DistilledPolicy(controller), shortfall)
-        table = pd.DataFrame.from_dict(scores, "index", columns=["lost_kwh", "cost_kwh"])
-        yield Evaluation("as studied" if scale == 1.0 else f"demand x {scale:g}", table)
+        scores["distilled"] = _score(each, DistilledPolicy(controller), shortfall)
+        yield Evaluation(label, pd.DataFrame.from_dict(scores, "index", columns=["lost_kwh", "cost_kwh"]))
 
 
 def _score(study: Study, policy: DistilledPolicy | None, shortfall: float) -> tuple[float, float]:
@@ -171,7 +170,7 @@ def distil(
 
     training = TrainingSet(case, controller(first_weights()))
     with reporting(f"{study.name}: generations", generations, shown=progress) as update:
-        weights, _ = fit(training, generations, update)
+        weights = fit(training, generations, update)
     return controller(weights)
 
 

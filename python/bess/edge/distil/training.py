@@ -136,11 +136,9 @@ class TrainingSet:
 def _start(system: System, variation: Variation, random: np.random.Generator) -> State:
     state = system.initial_state()
     low, high = system.soc_window
-    moved = variation.spread * (high - low) * random.uniform(-1.0, 1.0, state.n_strings)
-    moved_k = variation.spread_k * random.uniform(-1.0, 1.0, state.n_strings)
-    return replace(
-        state, soc=np.clip(state.soc + moved, low, high), temperature_c=state.temperature_c + moved_k
-    )
+    soc = state.soc + variation.spread * (high - low) * random.uniform(-1.0, 1.0, state.n_strings)
+    temperature_c = state.temperature_c + variation.spread_k * random.uniform(-1.0, 1.0, state.n_strings)
+    return replace(state, soc=np.clip(soc, low, high), temperature_c=temperature_c)
 
 
 POPULATION: Final = 32
@@ -164,8 +162,8 @@ def first_weights() -> Array:
     return weights
 
 
-def fit(training: TrainingSet, generations: int, update: Callable[[int], None]) -> tuple[Array, float]:
-    """Find the best weights and their cost [kWh] by covariance matrix adaptation (CMA-ES) [1]_.
+def fit(training: TrainingSet, generations: int, update: Callable[[int], None]) -> Array:
+    """Find the best weights by covariance matrix adaptation (CMA-ES) [1]_.
 
     The cost over weights is not smooth, since a small change can switch on another string and change all
     later steps. The search is derivative-free and repeats bit for bit. ``update`` receives the number of
@@ -190,4 +188,4 @@ def fit(training: TrainingSet, generations: int, update: Callable[[int], None]) 
         if costs.min() < least:
             least, best = float(costs.min()), tried[costs.argmin()].copy()
         update(generation + 1)
-    return best, least
+    return best
