@@ -176,16 +176,13 @@ def fit(training: TrainingSet, generations: int, update: Callable[[int], None]) 
     with extra("distil", "bess distil"):
         import cma
 
-    best = first_weights()
-    least = float(training.costs(best[None])[0])
+    start = first_weights()
     strategy = cma.CMAEvolutionStrategy(
-        best, SPREAD, {"popsize": POPULATION, "seed": 1, "verbose": -9, "maxiter": generations}
+        start, SPREAD, {"popsize": POPULATION, "seed": 1, "verbose": -9, "maxiter": generations}
     )
     for generation in range(generations):
-        tried = np.array(strategy.ask())
-        costs = training.costs(tried)
-        strategy.tell(list(tried), costs.tolist())
-        if costs.min() < least:
-            least, best = float(costs.min()), tried[costs.argmin()].copy()
+        tried = strategy.ask()
+        strategy.tell(tried, training.costs(np.array(tried)).tolist())
         update(generation + 1)
-    return best
+    found = strategy.best
+    return np.asarray(found.x) if found.f < training.costs(start[None])[0] else start
