@@ -158,10 +158,9 @@ class SimulatedPlant:
         """Return the reported readings of each string, except silent ones."""
         with self._lock:
             self._advance()
-            true = self._true_readings()
-            unknown = Reading(nan, nan, nan, nan, nan, nan, fault=False, beat=self._beat())
-            for string, reading in enumerate(true):
-                said = unknown if string in self.faults.undefined else reading
+            for string, said in enumerate(self.truth()):
+                if string in self.faults.undefined:
+                    said = Reading(nan, nan, nan, nan, nan, nan, fault=False, beat=said.beat)
                 before = self._said.setdefault(string, said)
                 if string in self.faults.frozen:
                     said = replace(
@@ -173,35 +172,29 @@ class SimulatedPlant:
             return {s: reading for s, reading in self._said.items() if s not in self.faults.silent}
 
     def truth(self) -> list[Reading]:
-        """Return true readings, ignoring faults."""
+        """Return true readings, ignoring faults of the measurements."""
         with self._lock:
             self._advance()
-            return self._true_readings()
-
-    def _true_readings(self) -> list[Reading]:
-        state = self._plant.state
-        nominal_kw = self.system.nominal_kw
-        power_kw = self._would_deliver(self._request_kw())
-        charge_kw, discharge_kw = -self._would_deliver(-nominal_kw), self._would_deliver(nominal_kw)
-        readings = [
-            Reading(
-                soc=float(state.soc[i]),
-                coldest_c=float(self._cells_c[0, i]),
-                hottest_c=float(self._cells_c[1, i]),
-                power_kw=float(power_kw[i]),
-                charge_limit_kw=max(float(charge_kw[i]), 0.0),
-                discharge_limit_kw=max(float(discharge_kw[i]), 0.0),
-                fault=False,
-                beat=self._beat(),
-            )
-            for i in range(self.n_strings)
-        ]
-        for i in self.faults.dead:
-            readings[i] = replace(readings[i], charge_limit_kw=0.0, discharge_limit_kw=0.0, fault=True)
-        return readings
-
-    def _beat(self) -> int:
-        return int(self.clock())
+            soc, (coldest_c, hottest_c) = self._plant.state.soc, self._cells_c
+            nominal_kw = self.system.nominal_kw
+            power_kw = self._would_deliver(self._request_kw())
+            charge_kw, discharge_kw = -self._would_deliver(-nominal_kw), self._would_deliver(nominal_kw)
+            readings = [
+                Reading(
+                    soc=float(soc[i]),
+                    coldest_c=float(coldest_c[i]),
+                    hottest_c=float(hottest_c[i]),
+                    power_kw=float(power_kw[i]),
+                    charge_limit_kw=max(float(charge_kw[i]), 0.0),
+                    discharge_limit_kw=max(float(discharge_kw[i]), 0.0),
+                    fault=False,
+                    beat=int(self.clock()),
+                )
+                for i in range(self.n_strings)
+            ]
+            for i in self.faults.dead:
+                readings[i] = replace(readings[i], charge_limit_kw=0.0, discharge_limit_kw=0.0, fault=True)
+            return readings
 
     def _request_kw(self) -> NDArray[np.float64]:
         request = self._setpoint_kw.copy()
@@ -254,7 +247,7 @@ class SimulatedPartner(ABC):
         """Listen; after a stop, at the same port."""
         try:
             self._port = self._listen(self._port)
-        except (RuntimeError, OSError, TimeoutError) as error:
+        except (RuntimeError, OSError) as error:
             self.stop()
             raise InputError(f"port {self._port}: cannot be listened at ({error}); use another") from error
 
