@@ -71,17 +71,16 @@ class _Device:
         self._string = string
         self._control: dict[str, int] = dict(_UNSET)
         self._controller_beat = 0
-        self._address: dict[int, int] = {}
-        self._length: dict[int, int] = {}
+        self._place: dict[int, range] = {}
+        """Addresses of each model."""
 
     def simulated(self) -> SimDevice:
         """Return the device for the Modbus server."""
         registers = [*MARK]
         for model_id, values in self._models().items():
-            model = encode(model_id, values)
-            self._address[model_id] = BASE + len(registers)
-            self._length[model_id] = len(model)
-            registers += model
+            begin = BASE + len(registers)
+            registers += encode(model_id, values)
+            self._place[model_id] = range(begin, BASE + len(registers))
         simdata = SimData(BASE, values=[*registers, END, 0], datatype=DataType.REGISTERS)
         return SimDevice(self._string + 1, simdata, action=self._act)
 
@@ -101,16 +100,16 @@ class _Device:
         if written is not None:
             return self._take(address, [int(register) for register in written])
         for model_id, values in self._models().items():
-            begin = self._address[model_id]
-            if begin < address + count and address < begin + self._length[model_id]:
-                registers[begin - BASE : begin - BASE + self._length[model_id]] = encode(model_id, values)
+            place = self._place[model_id]
+            if place.start < address + count and address < place.stop:
+                registers[place.start - BASE : place.stop - BASE] = encode(model_id, values)
         return None
 
     def _take(self, address: int, written: list[int]) -> ExcCodes | None:
-        control = self._address[704]
+        control = self._place[704].start
         first, last = control + offset(704, "WSetEna"), control + offset(704, "WSetRvrtTms") + 1
         if address < first or address + len(written) - 1 > last:
-            if (address, len(written)) != (self._address[802] + offset(802, "CtrlHb"), 1):
+            if (address, len(written)) != (self._place[802].start + offset(802, "CtrlHb"), 1):
                 return ExcCodes.ILLEGAL_ADDRESS
             self._controller_beat = written[0]
             return None
