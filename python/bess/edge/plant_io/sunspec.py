@@ -44,17 +44,19 @@ class Link(StringLink[Device]):
 
     def __init__(self, address: Address, n_strings: int) -> None:
         names = address.strings or tuple(str(unit + 1) for unit in range(n_strings))
-        places = [_place(name, address) for name in names]
-        if len(names) != n_strings or len(set(places)) < n_strings or None in places:
+        try:
+            places = [_place(name, address) for name in names]
+        except ValueError:
+            places = []
+        if len(places) != n_strings or len(set(places)) < n_strings:
             raise InputError(
                 f"plant {address.url}: ?unit= names {', '.join(names)}; expected {n_strings} Modbus units, "
                 "one for each string, each 0 to 247, or 1@HOST:PORT if it is elsewhere"
             )
         self.n_strings = n_strings
-        known = [place for place in places if place is not None]
-        gateways = {place[:2]: Gateway(*place[:2]) for place in known}
+        gateways = {(host, port): Gateway(host, port) for host, port, _ in places}
         self._gateways = tuple(gateways.values())
-        self._strings = [Device(gateways[place[:2]], place[2], CLOCK) for place in known]
+        self._strings = [Device(gateways[host, port], unit, CLOCK) for host, port, unit in places]
         self._heartbeat = 0
         self._calls = Calls()
         self._readings: Rounds[Device, DeviceReadings] = Rounds(NoResponseError)
@@ -117,7 +119,14 @@ class Link(StringLink[Device]):
         first: Callable[[Device], bool] = lambda device: False,
     ) -> tuple[dict[Device, T], dict[Device, Exception]]:
         """Call all devices, in parallel for several addresses; return results and failures."""
-        round_ = rounds(devices, call, lambda device: device.gateway.turn, ALL_S, first)
+
+        async def named(device: Device) -> T:
+            try:
+                return await call(device)
+            except LinkError as error:
+                raise LinkError(f"{device}: {error}") from error
+
+        round_ = rounds(devices, named, lambda device: device.gateway.turn, ALL_S, first)
         try:
             done, failed = self._calls(round_, ALL_S + CLOSING_TIME_S)
         except TimeoutError:
@@ -131,18 +140,14 @@ class Link(StringLink[Device]):
         }
 
 
-def _place(name: str, address: Address) -> tuple[str, int, int] | None:
-    """Return host, port and unit of a string; None for an invalid text."""
+def _place(name: str, address: Address) -> tuple[str, int, int]:
+    """Return host, port and unit of a string; raise ValueError for an invalid text."""
     unit, at, elsewhere = name.partition("@")
     if not re.fullmatch(r"[0-9]{1,3}", unit) or int(unit) > 247:
-        return None
+        raise ValueError(name)
     if not at:
         return address.host, address.port, int(unit)
-    try:
-        parts = urlsplit(f"//{elsewhere}")
-        port = parts.port
-    except ValueError:
-        return None
-    if not parts.hostname or port == 0 or parts.path or parts.username is not None:
-        return None
-    return parts.hostname, port or PORTS["sunspec"], int(unit)
+    parts = urlsplit(f"//{elsewhere}")
+    if not parts.hostname or parts.port == 0 or parts.path or parts.username is not None:
+        raise ValueError(name)
+    return parts.hostname, parts.port or PORTS["sunspec"], int(unit)

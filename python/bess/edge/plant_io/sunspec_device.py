@@ -219,7 +219,11 @@ class Gateway:
 
 
 class Device:
-    """One unit; calls raise :class:`NoResponseError`, or :class:`LinkError` if it must not be controlled."""
+    """One unit.
+
+    Calls raise :class:`NoResponseError`, or :class:`LinkError`, which does not name the unit, if it must not
+    be controlled.
+    """
 
     def __init__(self, gateway: Gateway, unit: int, clock: Callable[[], float]) -> None:
         self.gateway = gateway
@@ -248,23 +252,16 @@ class Device:
         """Return the present readings."""
         known = await self._layout()
         models = {m: await self._model(m) for m in (701, 702, 704, 713, 802, 803) if m in known}
-        try:
-            soc = math.nan
-            for model_id in (802, 713):
-                if model_id in models and not math.isnan(said := value(models[model_id], "SoC")):
-                    soc = said / 100.0
-            power_kw = value(models[701], "W") / 1000.0
-            charge_kw, discharge_kw = (
-                _limit_kw(models, each) for each in (_CHARGE_LIMITS, _DISCHARGE_LIMITS)
-            )
-            setpoint_kw = math.nan
-            if models[704].points["WSetEna"].value == _ON:
-                setpoint_kw = value(models[704], "WSet") / 1000.0
-            temperature_c = math.nan
-            if 803 in models:
-                temperature_c = (value(models[803], "ModTmpMin") + value(models[803], "ModTmpMax")) / 2.0
-        except LinkError as error:
-            raise LinkError(f"{self}: {error}") from error
+        soc = setpoint_kw = temperature_c = math.nan
+        for model_id in (802, 713):
+            if model_id in models and not math.isnan(said := value(models[model_id], "SoC")):
+                soc = said / 100.0
+        power_kw = value(models[701], "W") / 1000.0
+        charge_kw, discharge_kw = (_limit_kw(models, names) for names in (_CHARGE_LIMITS, _DISCHARGE_LIMITS))
+        if models[704].points["WSetEna"].value == _ON:
+            setpoint_kw = value(models[704], "WSet") / 1000.0
+        if 803 in models:
+            temperature_c = (value(models[803], "ModTmpMin") + value(models[803], "ModTmpMax")) / 2.0
         in_service = all(
             model_id not in models or models[model_id].points[name].value not in states
             for (model_id, name), states in _OUT_OF_SERVICE.items()
@@ -286,16 +283,17 @@ class Device:
         control = await self._model(704)
         points = control.points
         if points["WSetRvrtTms"].value is None:
-            raise LinkError(
-                f"{self}: has no WSetRvrtTms: its set-points would never expire, so it is not controlled"
-            )
+            raise LinkError("has no WSetRvrtTms: its set-points would never expire, so it is not controlled")
         if power_w is None:
             await self._send(start + points["WSetEna"].offset, [_OFF])
             self._holds_until_s = -math.inf
         elif doubt := self._heartbeat.doubt:
             raise NoResponseError(f"{self}: {doubt}")
         else:
-            steps = self._steps(control, power_w)
+            step_w = 10.0 ** scale(control, "WSet")
+            steps = math.trunc(power_w / step_w)
+            if abs(steps) > _MAX_STEPS:
+                raise LinkError(f"WSet in steps of {step_w:g} W is too fine for {power_w} W")
             # The time first, so that the set-point reverts from the beginning.
             revert = [
                 *registers_of(control, "WSetEnaRvrt", _OFF),
@@ -312,16 +310,6 @@ class Device:
             with suppress(NoResponseError):
                 (beat,) = await self._registers(battery + offset(802, "Hb"), 1)
                 self._heartbeat.see(math.nan if beat == _NO_VALUE else beat)
-
-    def _steps(self, control: Any, power_w: int) -> int:
-        try:
-            step_w = 10.0 ** scale(control, "WSet")
-        except LinkError as error:
-            raise LinkError(f"{self}: {error}") from error
-        steps = math.trunc(power_w / step_w)
-        if abs(steps) > _MAX_STEPS:
-            raise LinkError(f"{self}: WSet in steps of {step_w:g} W is too fine for {power_w} W")
-        return steps
 
     async def _layout(self) -> Mapping[int, tuple[int, int]]:
         """Return address and length of each model; read again after a lost connection."""
@@ -352,11 +340,10 @@ class Device:
             address += length + 2
         if missing := {701, 704} - models.keys():
             raise LinkError(
-                f"{self}: has no model {' and '.join(map(str, sorted(missing)))}, "
-                f"only {', '.join(map(str, models))}"
+                f"has no model {' and '.join(map(str, sorted(missing)))}, only {', '.join(map(str, models))}"
             )
         if not {713, 802} & models.keys():
-            raise LinkError(f"{self}: has neither model 713 nor 802, so no state of charge")
+            raise LinkError("has neither model 713 nor 802, so no state of charge")
         return models
 
     async def _model(self, model_id: int) -> Any:
