@@ -22,7 +22,7 @@ from fastapi.security import HTTPBasic, HTTPBasicCredentials
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from bess.edge.plant_io.simulated import Reading, SimulatedPartner, SimulatedPlant
+from bess.edge.plant_io.simulated import SimulatedPartner, SimulatedPlant
 
 API_TIMEOUT_S: Final = 60.0
 PASSWORD: Final = "owner"
@@ -68,13 +68,24 @@ class SimulatedEdge(SimulatedPartner):
 
     def channels(self) -> list[dict[str, Any]]:
         """Return all channels of all strings as reported by the edge."""
-        said = [
-            (f"ess{string}/{name}", unit, value)
-            for string, reading in self.plant.readings().items()
-            for name, unit, value in self._said(reading, string in self.plant.faults.severed)
-        ]
-        unit, scale = self._unit
+        unit, scale = ("kW", 1.0) if self.plant.faults.kilowatts else ("W", 1000.0)
+        channels: dict[str, tuple[str, int | None]] = {}
+        for string, said in self.plant.readings().items():
+            ess, fault = f"ess{string}", said.fault or string in self.plant.faults.severed
+            # A limit is rounded towards zero.
+            channels |= {
+                f"{ess}/Soc": ("%", _whole(100.0 * said.soc)),
+                f"{ess}/ActivePower": (unit, _whole(scale * said.power_kw)),
+                f"{ess}/AllowedChargePower": (unit, _whole(-scale * said.charge_limit_kw, math.ceil)),
+                f"{ess}/AllowedDischargePower": (unit, _whole(scale * said.discharge_limit_kw, math.floor)),
+                f"{ess}/MinCellTemperature": ("°C", _whole(said.coldest_c)),
+                f"{ess}/MaxCellTemperature": ("°C", _whole(said.hottest_c)),
+                f"{ess}/GridMode": ("", 1),
+                f"{ess}/State": ("", 3 if fault else 0),
+                f"{ess}/{_SET}": (unit, None),
+            }
         total_kw = sum(reading.power_kw for reading in self.plant.truth())
+        channels["meter0/ActivePower"] = (unit, _whole(scale * total_kw))
         return [
             {
                 "address": address,
@@ -84,7 +95,7 @@ class SimulatedEdge(SimulatedPartner):
                 "unit": unit,
                 **({} if address.endswith(_SET) else {"value": value}),
             }
-            for address, unit, value in (*said, ("meter0/ActivePower", unit, _whole(scale * total_kw)))
+            for address, (unit, value) in channels.items()
         ]
 
     def write(self, string: int, value: float | None) -> None:
@@ -129,26 +140,6 @@ class SimulatedEdge(SimulatedPartner):
             raise ValueError(f"{component}/{channel} is not a Write Channel")
         self.write(strings[component], None if value is None else float(value))
         return _json({})
-
-    @property
-    def _unit(self) -> tuple[str, float]:
-        """Unit of powers, and 1 kW in this unit."""
-        return ("kW", 1.0) if self.plant.faults.kilowatts else ("W", 1000.0)
-
-    def _said(self, reading: Reading, is_severed: bool) -> list[tuple[str, str, int | None]]:
-        unit, scale = self._unit
-        # A limit is rounded towards zero.
-        return [
-            ("Soc", "%", _whole(100.0 * reading.soc)),
-            ("ActivePower", unit, _whole(scale * reading.power_kw)),
-            ("AllowedChargePower", unit, _whole(-scale * reading.charge_limit_kw, math.ceil)),
-            ("AllowedDischargePower", unit, _whole(scale * reading.discharge_limit_kw, math.floor)),
-            ("MinCellTemperature", "°C", _whole(reading.coldest_c)),
-            ("MaxCellTemperature", "°C", _whole(reading.hottest_c)),
-            ("GridMode", "", 1),
-            ("State", "", 3 if reading.fault or is_severed else 0),
-            (_SET, unit, None),
-        ]
 
 
 def _whole(value: float, to_int: Any = round) -> int | None:
