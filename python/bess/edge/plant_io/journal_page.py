@@ -94,21 +94,21 @@ def modelled_losses(binned: xr.Dataset, system: System) -> Losses | None:
     """Compare both splits by the control model from the measured states; None if never comparable."""
     times = binned["time"].values
     width_h = float((times[1] - times[0]) / np.timedelta64(1, "h")) if len(times) > 1 else 1.0 / 3600.0
-    did, recommended = binned["power_kw"].values, binned["recommended_kw"].values
+    powers = np.stack([binned["power_kw"].values, binned["recommended_kw"].values])  # (2, bins, strings)
     soc, temperature = binned["soc"].values, binned["temperature_c"].values
     temperature = np.where(np.isnan(temperature), system.ambient_c, temperature)
-    read = np.isfinite(did) & np.isfinite(recommended) & np.isfinite(soc)
-    totals = np.where(read, did, 0.0).sum(axis=1), np.where(read, recommended, 0.0).sum(axis=1)
-    one_way = [((power >= 0.0).all(axis=1) | (power <= 0.0).all(axis=1)) for power in (did, recommended)]
+    read = np.isfinite(powers).all(axis=0) & np.isfinite(soc)
+    did, recommended = np.where(read, powers, 0.0).sum(axis=2)
+    one_way = ((powers >= 0.0).all(axis=2) | (powers <= 0.0).all(axis=2)).all(axis=0)
     nominal = system.nominal_kw
-    same = np.abs(totals[0] - totals[1]) <= _SAME_POWER * nominal.sum()
-    usable = np.flatnonzero(read.all(axis=1) & one_way[0] & one_way[1] & same & (np.abs(totals[0]) > 0.0))
+    same = np.abs(did - recommended) <= _SAME_POWER * nominal.sum()
+    usable = np.flatnonzero(read.all(axis=1) & one_way & same & (np.abs(did) > 0.0))
     if not usable.size:
         return None
     lost = np.zeros(2)
     for k in usable:
         state = State(np.clip(soc[k], 0.0, 1.0), temperature[k])
-        requests = np.clip(np.stack([did[k], recommended[k]]), -nominal, nominal)[..., None]
+        requests = np.clip(powers[:, k], -nominal, nominal)[..., None]
         roll = rollout(system, state, requests, width_h)
         lost += (roll.inverter_loss_kw + roll.battery_loss_kw).sum(axis=(1, 2)) * width_h
     return Losses(float(lost[0]), float(lost[1]), len(usable) * width_h, read.any(axis=1).sum() * width_h)
