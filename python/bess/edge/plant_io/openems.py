@@ -123,11 +123,8 @@ class Link(StringLink[str]):
     refresh_s = REFRESH_S
 
     def __init__(self, address: Address, n_strings: int) -> None:
-        odd = [
-            name
-            for name in (*address.strings, *address.meter.split())
-            if not re.fullmatch(r"[A-Za-z0-9_]+", name)
-        ]
+        named = (*address.strings, *address.meter.split())
+        odd = not all(re.fullmatch(r"[A-Za-z0-9_]+", name) for name in named)
         if odd or len(address.strings) not in (0, n_strings):
             raise InputError(
                 f"plant {address.url}: ?ess= names {', '.join(address.strings)}; "
@@ -158,7 +155,7 @@ class Link(StringLink[str]):
 
     def read(self) -> Measurements:
         """Return the present measurements."""
-        return self._within(self._read())
+        return self._within(self._read(), ANSWER_S)
 
     async def _read(self) -> Measurements:
         components = await self._components()
@@ -173,12 +170,10 @@ class Link(StringLink[str]):
         if mute:
             raise LinkError(f"{self._url}: {', '.join(mute)} has no {_SET} or no Soc; name others with ?ess=")
         self._units_are_known = True
-        limits = [
-            (_limit(s, "AllowedChargePower", -1.0), _limit(s, "AllowedDischargePower", 1.0)) for s in strings
-        ]
         soc = np.array([number(s.get("Soc")) for s in strings]) / 100.0
         power_kw = np.array([number(s.get("ActivePower")) for s in strings]) / 1000.0
-        charge_kw, discharge_kw = np.array(limits).T / 1000.0
+        charge_kw = np.array([_limit(s, "AllowedChargePower", -1.0) for s in strings]) / 1000.0
+        discharge_kw = np.array([_limit(s, "AllowedDischargePower", 1.0) for s in strings]) / 1000.0
         known = np.isfinite(soc) & np.isfinite(power_kw) & ~np.isnan(charge_kw) & ~np.isnan(discharge_kw)
         fit = np.array([s.get("State") != _FAULT and s.get("GridMode") not in _OFF_GRID for s in strings])
         return Measurements(
@@ -192,7 +187,7 @@ class Link(StringLink[str]):
             plant_kw=number(components.get(self._meter, {}).get("ActivePower")) / 1000.0,
             setpoint_kw=np.array([number(s.get(_SET)) for s in strings]) / 1000.0,
             remarks=tuple(
-                "" if name in components and is_known else f"the edge reports no values of {name}, or not all"
+                "" if is_known else f"the edge reports no values of {name}, or not all"
                 for name, is_known in zip(self._strings, known, strict=True)
             ),
         )
@@ -215,10 +210,10 @@ class Link(StringLink[str]):
         """Close the connections."""
         self._calls.close(self._client.aclose())
 
-    def _within(self, call: Coroutine[Any, Any, T], within_s: float | None = None) -> T:
+    def _within(self, call: Coroutine[Any, Any, T], within_s: float) -> T:
         """Return the result of a call with a deadline."""
         try:
-            return self._calls(call, ANSWER_S if within_s is None else within_s)
+            return self._calls(call, within_s)
         except TimeoutError:
             raise self._late() from None
 
