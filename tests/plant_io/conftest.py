@@ -8,7 +8,7 @@ import pytest
 from plant_partners import STEP_S, Connecting, ManualClock, N, Partner, Rig, Watched
 
 import bess
-from bess.edge.plant_io import PlantLink, calls, connect, openems, sunspec
+from bess.edge.plant_io import PlantLink, calls, connect
 from bess.edge.plant_io.journal import Journal
 from bess.edge.plant_io.simulated import SimulatedPlant
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
@@ -79,8 +79,7 @@ def rig(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> Iterator[Rig]:
-    monkeypatch.setattr(openems, "CLOCK", watched.clock)
-    monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
+    monkeypatch.setattr(calls, "CLOCK", watched.clock)
     study = Study.from_document(
         {
             "name": "matrix",

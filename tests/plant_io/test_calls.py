@@ -19,7 +19,7 @@ def test_of_several_unexpected_errors_the_first_is_raised_and_none_is_left_to_th
         asyncio.get_running_loop().set_exception_handler(lambda loop, context: left.append(context))
         rounds: Rounds[int, None] = Rounds(ValueError)
         with pytest.raises(KeyError, match="1"):
-            await rounds([1, 2, 3], fails, lambda key: asyncio.Semaphore(), 1.0)
+            await rounds([1, 2, 3], fails, lambda key: asyncio.Semaphore())
         gc.collect()
 
     asyncio.run(round_of_three())

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from plant_partners import N, Rig
 
-from bess.edge.plant_io import openems, sunspec
+from bess.edge.plant_io import calls, openems, sunspec
 from bess.edge.plant_io.journal import open_journal
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
 
@@ -60,14 +60,12 @@ def _restart(rig: Rig) -> None:
 
 def _set_slow(rig: Rig) -> None:
     """Answers take longer than is waited for; less is waited for than otherwise, for the sake of the test."""
-    rig.monkeypatch.setattr(openems, "ANSWER_S", 0.2)
-    rig.monkeypatch.setattr(sunspec, "ALL_S", 0.2)
+    rig.monkeypatch.setattr(calls, "DEADLINE_S", 0.2)
     rig.watched.plant.faults.delay_s = 0.4
 
 
 def _set_fast(rig: Rig) -> None:
-    rig.monkeypatch.setattr(openems, "ANSWER_S", 3.0)
-    rig.monkeypatch.setattr(sunspec, "ALL_S", 3.0)
+    rig.monkeypatch.setattr(calls, "DEADLINE_S", 3.0)
     rig.watched.plant.faults.delay_s = 0.0
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plant_partners import Connecting, N, Partner, Watched
 
-from bess.edge.plant_io import LinkError, PlantLink, openems, sunspec
+from bess.edge.plant_io import LinkError, PlantLink, calls
 from bess.edge.plant_io.simulated import Faults
 from bess.errors import InputError
 
@@ -132,8 +132,7 @@ def test_a_slow_plant_is_an_error_after_a_stated_time(
 ) -> None:
     link.read()
     with monkeypatch.context() as short:
-        short.setattr(openems, "ANSWER_S", 0.5)
-        short.setattr(sunspec, "ALL_S", 0.5)
+        short.setattr(calls, "DEADLINE_S", 0.5)
         _is_slow(link, watched)
     watched.plant.faults.delay_s = 0.0
     link.write(ASKED)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plant_partners import Connecting, Watched
 
-from bess.edge.plant_io import LinkError, openems
+from bess.edge.plant_io import LinkError, calls, openems
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
 
 ASKED = np.array([40.0, -30.0, 92.0])
@@ -38,7 +38,7 @@ def test_a_write_to_one_string_keeps_those_of_all_others_alive(edge: SimulatedEd
 def test_a_set_point_that_cannot_be_taken_back_lapses_before_the_others_go_on(
     connecting: Connecting, edge: SimulatedEdge, watched: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(openems, "CLOCK", watched.clock)
+    monkeypatch.setattr(calls, "CLOCK", watched.clock)
     link = connecting(edge.address)
     link.write(ASKED)
     watched.plant.faults.silent.add(0)
@@ -60,7 +60,7 @@ def test_a_set_point_that_cannot_be_taken_back_lapses_before_the_others_go_on(
 def test_a_string_that_refuses_but_holds_nothing_stops_nobody(
     connecting: Connecting, edge: SimulatedEdge, watched: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(openems, "CLOCK", watched.clock)
+    monkeypatch.setattr(calls, "CLOCK", watched.clock)
     link = connecting(edge.address)
     link.write(np.array([np.nan, *ASKED[1:]]))
     watched.plant.faults.silent.add(0)
@@ -211,7 +211,7 @@ def test_what_is_no_edge_is_an_error_in_one_sentence(connecting: Connecting, ans
 def test_an_answer_that_never_ends_is_cut_off_in_time(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(openems, "ANSWER_S", 0.3)
+    monkeypatch.setattr(calls, "DEADLINE_S", 0.3)
     stop = threading.Event()
 
     def drip(request: socketserver.StreamRequestHandler) -> None:

@@ -12,7 +12,7 @@ import pytest
 from plant_partners import Connecting, ManualClock
 
 import bess
-from bess.edge.plant_io import LinkError, openems, sunspec
+from bess.edge.plant_io import LinkError, calls, openems
 from bess.edge.plant_io.simulated import SimulatedPlant
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
 from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
@@ -73,7 +73,7 @@ def _ends(call: Callable[[], object]) -> str:
 def test_an_edge_that_trickles_before_its_answer_is_left_in_time(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch, piece: bytes
 ) -> None:
-    monkeypatch.setattr(openems, "ANSWER_S", 0.3)
+    monkeypatch.setattr(calls, "DEADLINE_S", 0.3)
     with _partner(_trickle(piece)) as port:
         link = connecting(f"openems=http://127.0.0.1:{port}?ess=ess0,ess1,ess2")
         for call in (link.read, link.release):
@@ -83,7 +83,7 @@ def test_an_edge_that_trickles_before_its_answer_is_left_in_time(
 def test_headers_that_trickle_have_no_more_time_than_others(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(openems, "ANSWER_S", 0.3)
+    monkeypatch.setattr(calls, "DEADLINE_S", 0.3)
 
     def behave(request: socketserver.StreamRequestHandler, stop: threading.Event) -> None:
         request.wfile.write(b"HTTP/1.1 200 OK\r\n")
@@ -99,7 +99,7 @@ def test_headers_that_trickle_have_no_more_time_than_others(
 def test_a_device_that_trickles_is_left_in_time(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch, piece: bytes
 ) -> None:
-    monkeypatch.setattr(sunspec, "ALL_S", 0.3)
+    monkeypatch.setattr(calls, "DEADLINE_S", 0.3)
     with _partner(_trickle(piece)) as port:
         link = connecting(f"sunspec=127.0.0.1:{port}")
         for call in (link.read, link.release):
@@ -115,7 +115,7 @@ def test_a_link_is_whole_again_after_an_edge_that_trickled(
         link.read()
         plant.faults.delay_s = 5.0
         with monkeypatch.context() as short:
-            short.setattr(openems, "ANSWER_S", 0.3)
+            short.setattr(calls, "DEADLINE_S", 0.3)
             for _ in range(3 * openems.CONNECTIONS):
                 assert "no answer within" in _ends(lambda: link.write(np.full(3, 10.0)))
         plant.faults.delay_s = 0.0
@@ -133,7 +133,7 @@ def test_a_link_survives_deadlines_at_every_moment_of_a_call(
         link.read()
         with monkeypatch.context() as short:
             for deadline_s in np.linspace(0.0005, 0.02, 200):
-                short.setattr(openems, "ANSWER_S", float(deadline_s))
+                short.setattr(calls, "DEADLINE_S", float(deadline_s))
                 with suppress(LinkError):
                     link.write(np.full(4, 10.0))
         link.write(np.full(4, 20.0))
@@ -161,8 +161,7 @@ def test_no_string_starves_at_a_plant_too_slow_for_one_round(
         link = connecting(partner.address, n)
         link.read()
         link.write(np.zeros(n))
-        monkeypatch.setattr(openems, "ANSWER_S", 0.3)
-        monkeypatch.setattr(sunspec, "ALL_S", 0.3)
+        monkeypatch.setattr(calls, "DEADLINE_S", 0.3)
         plant.faults.delay_s = 0.12 if kind is SimulatedEdge else 0.02
         for kw in (10.0, 20.0):
             held: list[float] = []
@@ -183,7 +182,7 @@ def test_strings_that_were_not_reached_are_named(
         link = connecting(edge.address, 12)
         link.read()
         # Four at a time: the first four have half a second to spare, the next would need as much again.
-        monkeypatch.setattr(openems, "ANSWER_S", 1.5)
+        monkeypatch.setattr(calls, "DEADLINE_S", 1.5)
         plant.faults.delay_s = 1.0
         with pytest.raises(LinkError, match=r"set-points of ess\d+(, ess\d+){7} not written: .*within 1.5 s"):
             link.write(np.full(12, 10.0))
@@ -210,7 +209,7 @@ def test_an_edge_that_takes_one_connection_has_all_strings_written_one_after_the
         port = single.server_address[1]
         link = connecting(edge.address.replace(str(edge._port), str(port)), 6)
         link.read()
-        monkeypatch.setattr(openems, "ANSWER_S", 1.5)
+        monkeypatch.setattr(calls, "DEADLINE_S", 1.5)
         for kw in (10.0, 20.0):
             with suppress(LinkError):
                 link.write(np.full(6, kw))

@@ -9,7 +9,7 @@ import pytest
 from plant_partners import Connecting, Watched
 from pymodbus.client import ModbusTcpClient
 
-from bess.edge.plant_io import LinkError, simulated_sunspec, sunspec, sunspec_device
+from bess.edge.plant_io import LinkError, calls, simulated_sunspec, sunspec_device
 from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
 from bess.errors import InputError
 
@@ -19,7 +19,7 @@ ASKED = np.array([40.0, -30.0, 92.0])
 @pytest.fixture(autouse=True)
 def _no_hurry(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing here is about slow answers: a machine under load has all the time it wants to give them."""
-    monkeypatch.setattr(sunspec, "ALL_S", 600.0)
+    monkeypatch.setattr(calls, "DEADLINE_S", 600.0)
     monkeypatch.setattr(sunspec_device, "ANSWER_S", 600.0)
 
 
@@ -126,7 +126,7 @@ def test_the_heartbeat_counts_with_every_write(
 def test_a_device_whose_heartbeat_stops_between_two_readings_is_written_nothing(
     connecting: Connecting, devices: SimulatedDevices, watched: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
+    monkeypatch.setattr(calls, "CLOCK", watched.clock)
     link = connecting(devices.address)
     link.read()
     for _ in range(2):
@@ -153,7 +153,7 @@ def test_a_counter_that_never_moves_is_no_heartbeat(
     watched: Watched,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
+    monkeypatch.setattr(calls, "CLOCK", watched.clock)
     link = connecting(altering(lambda models: models | {802: models[802] | {"Hb": 0}}).address)
     for _ in range(5):
         watched.clock.now_s += 60.0
@@ -167,7 +167,7 @@ def test_a_counter_that_starts_anew_as_often_as_it_is_read_still_beats(
     watched: Watched,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
+    monkeypatch.setattr(calls, "CLOCK", watched.clock)
 
     def soon_anew(models: Models) -> Models:
         return models | {802: models[802] | {"Hb": int(watched.clock.now_s) % 20}}

@@ -17,10 +17,14 @@ from contextlib import suppress
 from queue import SimpleQueue
 from typing import Any, Final, Generic, TypeVar
 
+DEADLINE_S: Final = 3.0
+"""Time for reading or writing all strings of a plant."""
 CLOSING_TIME_S: Final = 0.5
 """Time to close cancelled calls."""
 DISK_DELAY_S: Final = 1.0
 """Time for which a disk may delay its caller."""
+CLOCK: Final = time.monotonic
+"""Clock by which set-points expire and heartbeats stop."""
 
 K = TypeVar("K", bound=Hashable)
 T = TypeVar("T")
@@ -75,7 +79,7 @@ class Calls:
 
 
 class Rounds(Generic[K, T]):
-    """Concurrent calls for all strings within a common deadline.
+    """Concurrent calls for all strings within :data:`DEADLINE_S`.
 
     A string that had no turn in one round is the first in the next, so that all strings of a slow plant are
     served. A call that took half of the time had its turn, so that a string without response does not exclude
@@ -92,7 +96,6 @@ class Rounds(Generic[K, T]):
         keys: Sequence[K],
         call: Callable[[K], Awaitable[T]],
         turn: Callable[[K], asyncio.Semaphore],
-        within_s: float,
         first: Callable[[K], bool] = lambda key: False,
     ) -> tuple[dict[K, T], dict[K, Exception]]:
         """Return results and errors by key, :class:`TimeoutError` and :class:`NotReached` included.
@@ -111,7 +114,7 @@ class Rounds(Generic[K, T]):
         tasks = {key: asyncio.ensure_future(one(key)) for key in order}
         if not tasks:
             return {}, {}
-        _, late = await asyncio.wait(tasks.values(), timeout=within_s)
+        _, late = await asyncio.wait(tasks.values(), timeout=DEADLINE_S)
         ended_s = time.monotonic()
         for task in late:
             task.cancel()
@@ -120,7 +123,7 @@ class Rounds(Generic[K, T]):
         failed: dict[K, Exception] = {}
         unexpected: list[BaseException] = []
         for key, task in tasks.items():
-            stalled = task.cancelled() and ended_s - began_s.get(key, math.inf) > within_s / 2.0
+            stalled = task.cancelled() and ended_s - began_s.get(key, math.inf) > DEADLINE_S / 2.0
             if stalled or not task.cancelled():
                 self._turns[key] = self._round
             if task.cancelled():

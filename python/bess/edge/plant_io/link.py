@@ -7,12 +7,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Generic, Protocol, TypeVar
+from typing import Final, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import BessError, InputError
+
+REFRESH_S: Final = 20.0
+"""A third of the time in which set-points expire, so that two consecutive writes may be lost."""
 
 K = TypeVar("K", bound=Hashable)
 

@@ -19,7 +19,6 @@ import math
 import os
 import re
 import ssl
-import time
 from collections.abc import Coroutine, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
@@ -28,22 +27,18 @@ from typing import Any, Final, TypeVar
 import httpx
 import numpy as np
 
+from bess.edge.plant_io import calls
 from bess.edge.plant_io.address import Address
 from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, NotReached, Rounds, Stalled
-from bess.edge.plant_io.link import LinkError, Measurements, StringLink, number
+from bess.edge.plant_io.link import REFRESH_S, LinkError, Measurements, StringLink, number
 from bess.errors import InputError
 from bess.files import parse_json
 
 USER, PASSWORD = "BESS_PLANT_USER", "BESS_PLANT_PASSWORD"
 """Environment variables for an address without user or password."""
 
-REFRESH_S: Final = 20.0
-"""A third of ``apiTimeout``, so that two consecutive writes may be lost."""
 SETPOINT_TIMEOUT_S: Final = 65.0
 """Slightly more than the default of ``apiTimeout``."""
-CLOCK: Final = time.monotonic
-ANSWER_S: Final = 3.0
-"""Deadline for reading or writing all strings."""
 CONNECTIONS: Final = 4
 """An edge accepts five (``connectionlimit``), and one may be that of another client."""
 IDLE_S: Final = 20.0
@@ -81,7 +76,7 @@ class SharedWatchdog:
     def __init__(self) -> None:
         self._may_hold: set[str] | None = None
         self._refuses_since: dict[str, float] = {}
-        self._fed_at_s = CLOCK()
+        self._fed_at_s = calls.CLOCK()
 
     def may_hold(self, name: str) -> bool:
         """Whether the plant may hold a set-point of this string; true for all before the first writes."""
@@ -89,7 +84,7 @@ class SharedWatchdog:
 
     def wait_s(self) -> tuple[list[str], float]:
         """Return the strings that refuse, and the time for which nothing may be written because of them."""
-        now = CLOCK()
+        now = calls.CLOCK()
         if now - self._fed_at_s >= SETPOINT_TIMEOUT_S:
             self._may_hold, self._refuses_since = set(), {}
         stuck = [name for name, since in self._refuses_since.items() if now - since >= REFRESH_S]
@@ -103,7 +98,7 @@ class SharedWatchdog:
         for name in written:
             self._refuses_since.pop(name, None)
         if written:
-            self._fed_at_s = CLOCK()
+            self._fed_at_s = calls.CLOCK()
             for name in failed:
                 self._refuses_since.setdefault(name, self._fed_at_s)
 
@@ -155,7 +150,7 @@ class Link(StringLink[str]):
 
     def read(self) -> Measurements:
         """Return the present measurements."""
-        return self._within(self._read(), ANSWER_S)
+        return self._within(self._read(), calls.DEADLINE_S)
 
     async def _read(self) -> Measurements:
         components = await self._components()
@@ -218,7 +213,7 @@ class Link(StringLink[str]):
             raise self._late() from None
 
     def _late(self) -> LinkError:
-        return LinkError(f"{self._url}: no answer within {ANSWER_S:g} s")
+        return LinkError(f"{self._url}: no answer within {calls.DEADLINE_S:g} s")
 
     def _set(self, power_w: Mapping[str, int | None]) -> dict[str, LinkError]:
         def post(name: str) -> Coroutine[Any, Any, bytes]:
@@ -229,8 +224,8 @@ class Link(StringLink[str]):
         failed: Mapping[str, Exception] = dict.fromkeys(power_w, TimeoutError())
         try:
             written, failed = self._within(
-                self._rounds(list(power_w), post, lambda name: turn, ANSWER_S, lambda n: power_w[n] is None),
-                ANSWER_S + CLOSING_TIME_S,
+                self._rounds(list(power_w), post, lambda name: turn, lambda n: power_w[n] is None),
+                calls.DEADLINE_S + CLOSING_TIME_S,
             )
         finally:
             refused = [name for name, error in failed.items() if isinstance(error, _RefusedError)]

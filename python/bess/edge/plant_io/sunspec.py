@@ -10,7 +10,6 @@ this controller.
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
@@ -19,18 +18,15 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
+from bess.edge.plant_io import calls
 from bess.edge.plant_io.address import PORTS, Address
 from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, Rounds
-from bess.edge.plant_io.link import LinkError, Measurements, StringLink
+from bess.edge.plant_io.link import REFRESH_S, LinkError, Measurements, StringLink
 from bess.edge.plant_io.sunspec_device import Device, DeviceReadings, Gateway, NoResponseError
 from bess.errors import InputError
 
-REFRESH_S: Final = 20.0
 HEARTBEAT_S: Final = 1.0
 """Refresh interval of devices that monitor the controller's heartbeat."""
-ALL_S: Final = 3.0
-"""Deadline for reading or writing all strings."""
-CLOCK: Final = time.monotonic
 
 T = TypeVar("T")
 
@@ -56,7 +52,7 @@ class Link(StringLink[Device]):
         self.n_strings = n_strings
         gateways = {(host, port): Gateway(host, port) for host, port, _ in places}
         self._gateways = tuple(gateways.values())
-        self._strings = [Device(gateways[host, port], unit, CLOCK) for host, port, unit in places]
+        self._strings = [Device(gateways[host, port], unit) for host, port, unit in places]
         self._heartbeat = 0
         self._calls = Calls()
         self._readings: Rounds[Device, DeviceReadings] = Rounds(NoResponseError)
@@ -126,12 +122,12 @@ class Link(StringLink[Device]):
             except LinkError as error:
                 raise LinkError(f"{device}: {error}") from error
 
-        round_ = rounds(devices, named, lambda device: device.gateway.turn, ALL_S, first)
+        round_ = rounds(devices, named, lambda device: device.gateway.turn, first)
         try:
-            done, failed = self._calls(round_, ALL_S + CLOSING_TIME_S)
+            done, failed = self._calls(round_, calls.DEADLINE_S + CLOSING_TIME_S)
         except TimeoutError:
-            raise LinkError(f"no answer within {ALL_S:g} s") from None
-        late = f"is too slow: not done within {ALL_S:g} s"
+            raise LinkError(f"no answer within {calls.DEADLINE_S:g} s") from None
+        late = f"is too slow: not done within {calls.DEADLINE_S:g} s"
         return done, {
             device: error
             if isinstance(error, NoResponseError)

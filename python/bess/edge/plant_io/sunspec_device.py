@@ -10,7 +10,7 @@ import asyncio
 import logging
 import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
@@ -19,6 +19,7 @@ from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
 from sunspec2.device import Model
 
+from bess.edge.plant_io import calls
 from bess.edge.plant_io.link import LinkError
 
 MARK: Final = (0x5375, 0x6E53)
@@ -99,8 +100,7 @@ HEARTBEAT_TIMEOUT_S: Final = 10.0
 class Heartbeat:
     """Monitors a counter; one that never changed is not a heartbeat, as many devices leave it at zero."""
 
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self._clock = clock
+    def __init__(self) -> None:
         self._count = math.nan
         self._moved_at_s: float | None = None
 
@@ -108,13 +108,13 @@ class Heartbeat:
         """Record the counter; NaN if the device does not report it."""
         if not math.isnan(count) and count != self._count:
             if not math.isnan(self._count):
-                self._moved_at_s = self._clock()
+                self._moved_at_s = calls.CLOCK()
             self._count = count
 
     @property
     def doubt(self) -> str:
         """A sentence if the heartbeat has stopped; otherwise empty."""
-        still_s = 0.0 if self._moved_at_s is None else self._clock() - self._moved_at_s
+        still_s = 0.0 if self._moved_at_s is None else calls.CLOCK() - self._moved_at_s
         if still_s < HEARTBEAT_TIMEOUT_S:
             return ""
         return f"its heartbeat has been constant at {self._count:.0f} for {still_s:.0f} s; it is lost"
@@ -225,15 +225,14 @@ class Device:
     be controlled.
     """
 
-    def __init__(self, gateway: Gateway, unit: int, clock: Callable[[], float]) -> None:
+    def __init__(self, gateway: Gateway, unit: int) -> None:
         self.gateway = gateway
         self._unit = unit
         self._models: dict[int, tuple[int, int]] = {}
         self._losses = 0
-        self._heartbeat = Heartbeat(clock)
-        self._clock = clock
+        self._heartbeat = Heartbeat()
         # An earlier process may have written.
-        self._holds_until_s = clock() + REVERT_S + 1.0
+        self._holds_until_s = calls.CLOCK() + REVERT_S + 1.0
 
     def __str__(self) -> str:
         return f"unit {self._unit} at {self.gateway.place}"
@@ -246,7 +245,7 @@ class Device:
     @property
     def may_hold_setpoint(self) -> bool:
         """Whether its last set-point may not have been cleared or reverted."""
-        return self._clock() < self._holds_until_s
+        return calls.CLOCK() < self._holds_until_s
 
     async def measure(self) -> DeviceReadings:
         """Return the present readings."""
@@ -301,7 +300,7 @@ class Device:
             ]
             await self._send(start + points["WSetEnaRvrt"].offset, revert)
             setpoint = [_ON, _WATTS, *registers_of(control, "WSet", steps)]
-            self._holds_until_s = self._clock() + REVERT_S + 1.0
+            self._holds_until_s = calls.CLOCK() + REVERT_S + 1.0
             await self._send(start + points["WSetEna"].offset, setpoint)
         if 802 in self._models:
             battery, _ = self._models[802]
