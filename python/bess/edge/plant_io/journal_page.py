@@ -115,28 +115,29 @@ def modelled_losses(binned: xr.Dataset, system: System) -> Losses | None:
 
 
 def _figures(binned: xr.Dataset) -> Iterator[FigureSpec]:
+    time = TimeAxis(binned)
+    time.daily = False  # the bins are few already, and a gap would hide its whole day
     yield FigureSpec(
         "plant",
         "The plant",
         "Demand, actual power of the plant, and the sum of the computed set-points.",
-        partial(_plant, binned),
+        partial(_plant, binned, time),
     )
     yield FigureSpec(
         "split",
         "The strings: actual power and set-points",
         "Actual power of each string, its computed set-point, and the difference.",
-        partial(_split, binned),
+        partial(_split, binned, time),
     )
     yield FigureSpec(
         "state",
         "State of the strings",
         "Measured state of charge and temperature; gaps without readings.",
-        partial(_state, binned),
+        partial(_state, binned, time),
     )
 
 
-def _plant(binned: xr.Dataset) -> Chart:
-    time = _time(binned)
+def _plant(binned: xr.Dataset, time: TimeAxis) -> Chart:
     did, recommended = (_total(binned[name].values) for name in ("power_kw", "recommended_kw"))
     demand = binned["demand_kw"].values
     powers = curve(time, did, DISCHARGE, "actual", kind="step")
@@ -146,24 +147,16 @@ def _plant(binned: xr.Dataset) -> Chart:
     return Chart(time.label, [Panel("Power (kW)", powers), Panel("Deviation from demand (kW)", deviation)])
 
 
-def _split(binned: xr.Dataset) -> Chart:
+def _split(binned: xr.Dataset, time: TimeAxis) -> Chart:
     did, recommended = binned["power_kw"].values, binned["recommended_kw"].values
     rows = (("Actual (kW)", did), ("Computed (kW)", recommended), ("Difference (kW)", did - recommended))
-    time = _time(binned)
     return Chart(time.label, [Panel(label, string_curves(time, values)) for label, values in rows])
 
 
-def _state(binned: xr.Dataset) -> Chart:
-    time = _time(binned)
+def _state(binned: xr.Dataset, time: TimeAxis) -> Chart:
     soc = Panel("SOC", string_curves(time, binned["soc"].values), y_limits=(-0.02, 1.02))
     temperature = Panel("Temperature (°C)", string_curves(time, binned["temperature_c"].values))
     return Chart(time.label, [soc, temperature])
-
-
-def _time(binned: xr.Dataset) -> TimeAxis:
-    time = TimeAxis(binned)
-    time.daily = False  # the bins are few already, and a gap would hide its whole day
-    return time
 
 
 def _total(values: Array) -> Array:
