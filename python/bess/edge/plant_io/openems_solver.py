@@ -59,8 +59,8 @@ def answer(body: object, n_strings: int, split: Split) -> dict[str, Any]:
 
 def _request(body: object, n_strings: int) -> tuple[float, dict[str, float]]:
     """Return the demand [kW] and SOC, 0 to 1, by name in the order of the strings."""
-    asked = body.get("SetActivePower") if isinstance(body, Mapping) else None
-    batteries = body.get("powerDistribution") if isinstance(body, Mapping) else None
+    request = body if isinstance(body, Mapping) else {}
+    asked, batteries = request.get("SetActivePower"), request.get("powerDistribution")
     power_w = number(asked)
     if not power_w > 0.0:
         raise InputError(f"SetActivePower: {asked!r}, expected a power above 0 W")
@@ -70,8 +70,8 @@ def _request(body: object, n_strings: int) -> tuple[float, dict[str, float]]:
     soc = {}
     for name in sorted(batteries, key=_natural):
         said = batteries[name].get("soc") if isinstance(batteries[name], Mapping) else None
-        soc[str(name)] = number(said) / 100.0
-        if not 0.0 <= soc[str(name)] <= 1.0:
+        soc[str(name)] = share = number(said) / 100.0
+        if not 0.0 <= share <= 1.0:
             raise InputError(f"powerDistribution.{name}.soc: {said!r}, expected 0 to 100 %")
     return power_w / 1000.0, soc
 
