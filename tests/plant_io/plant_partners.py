@@ -1,6 +1,9 @@
 """What the tests of plants share: a clock that they move, and a plant that remembers its set-points."""
 
-from collections.abc import Callable
+import socketserver
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,6 +25,26 @@ TOLERANCE_KW = 0.1
 
 Connecting = Callable[..., PlantLink]
 Partner = SimulatedEdge | SimulatedDevices
+Behaviour = Callable[[socketserver.StreamRequestHandler, threading.Event], object]
+"""What a server does with a connection, until told to stop."""
+
+
+@contextmanager
+def server(behave: Behaviour) -> Iterator[int]:
+    """Yield the port of a server with this behaviour."""
+    stop = threading.Event()
+
+    class Handler(socketserver.StreamRequestHandler):
+        def handle(self) -> None:
+            with suppress(OSError):  # the other end may have gone
+                behave(self, stop)
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as running:
+        running.daemon_threads = True
+        threading.Thread(target=running.serve_forever, args=(0.05,), daemon=True).start()
+        yield running.server_address[1]
+        stop.set()
+        running.shutdown()
 
 
 @dataclass

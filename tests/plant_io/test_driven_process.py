@@ -7,11 +7,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plant_partners import server
 
 import bess
 from bess.edge.plant_io.journal import open_journal
@@ -121,26 +122,21 @@ def test_one_command_shows_a_plant_and_the_service_that_drives_it(folder: Path) 
 
 @pytest.mark.parametrize("piece", [b"HTTP/1.1 100 Continue\r\n\r\n", b""], ids=["trickle", "silence"])
 def test_a_service_ends_within_10_s_whatever_its_edge_does(folder: Path, piece: bytes) -> None:
-    asked, stop = threading.Event(), threading.Event()
+    asked = threading.Event()
 
-    class Handler(socketserver.StreamRequestHandler):
-        def handle(self) -> None:
-            self.rfile.readline()
-            asked.set()
-            with suppress(OSError):  # the service may have gone
-                while not stop.wait(0.2):
-                    self.wfile.write(piece)
+    def trickle(request: socketserver.StreamRequestHandler, stop: threading.Event) -> None:
+        request.rfile.readline()
+        asked.set()
+        while not stop.wait(0.2):
+            request.wfile.write(piece)
 
-    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as edge:
-        edge.daemon_threads = True
-        threading.Thread(target=edge.serve_forever, args=(0.05,), daemon=True).start()
-        address = f"openems=http://127.0.0.1:{edge.server_address[1]}?ess=ess0,ess1"
-        with _bess(folder, *_serve(address)) as process:
-            assert asked.wait(60.0)
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(10.0) == 0, (folder / "log").read_text(encoding="utf-8")[-3000:]
-        stop.set()
-        edge.shutdown()
+    with (
+        server(trickle) as port,
+        _bess(folder, *_serve(f"openems=http://127.0.0.1:{port}?ess=ess0,ess1")) as process,
+    ):
+        assert asked.wait(60.0)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10.0) == 0, (folder / "log").read_text(encoding="utf-8")[-3000:]
 
 
 SWALLOWED = """

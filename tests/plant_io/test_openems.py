@@ -2,12 +2,11 @@
 
 import socketserver
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from plant_partners import Connecting, Watched
+from plant_partners import Behaviour, Connecting, Watched, server
 
 from bess.edge.plant_io import LinkError, calls, openems
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
@@ -163,19 +162,16 @@ def test_a_plant_off_the_grid_is_not_driven(
     assert connecting(edge.address).read().available.tolist() == [False, True, True]
 
 
-@contextmanager
-def _server(answer: Callable[[socketserver.StreamRequestHandler], None]) -> Iterator[str]:
-    class Handler(socketserver.StreamRequestHandler):
-        def handle(self) -> None:
-            self.rfile.readline()
-            with suppress(OSError):  # the other end may have gone
-                answer(self)
+def _answering(answer: bytes) -> Behaviour:
+    def behave(request: socketserver.StreamRequestHandler, stop: threading.Event) -> None:
+        request.rfile.readline()
+        request.wfile.write(answer)
 
-    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
-        server.daemon_threads = True
-        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
-        yield f"openems=http://x:owner@127.0.0.1:{server.server_address[1]}"
-        server.shutdown()
+    return behave
+
+
+def _address(port: int) -> str:
+    return f"openems=http://x:owner@127.0.0.1:{port}"
 
 
 def _http(body: bytes, status: str = "200 OK") -> bytes:
@@ -200,8 +196,8 @@ def _http(body: bytes, status: str = "200 OK") -> bytes:
     ids=str,
 )
 def test_what_is_no_edge_is_an_error_in_one_sentence(connecting: Connecting, answer: bytes) -> None:
-    with _server(lambda request: (request.wfile.write(answer), None)[1]) as address:
-        link = connecting(address)
+    with server(_answering(answer)) as port:
+        link = connecting(_address(port))
         with pytest.raises(LinkError) as caught:
             link.read()
         assert "\n" not in str(caught.value)
@@ -212,25 +208,24 @@ def test_an_answer_that_never_ends_is_cut_off_in_time(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(calls, "DEADLINE_S", 0.3)
-    stop = threading.Event()
 
-    def drip(request: socketserver.StreamRequestHandler) -> None:
+    def drip(request: socketserver.StreamRequestHandler, stop: threading.Event) -> None:
+        request.rfile.readline()
         request.wfile.write(b"HTTP/1.1 200 OK\r\nContent-Length: 1000000\r\n\r\n[")
         while not stop.wait(0.05):
             request.wfile.write(b" ")
 
-    with _server(drip) as address:
-        link = connecting(address)
+    with server(drip) as port:
+        link = connecting(_address(port))
         with pytest.raises(LinkError, match=r"no answer within 0.3 s"):
             link.read()
-        stop.set()
 
 
 def test_an_answer_that_is_too_long_is_cut_off(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(openems, "_MAX_ANSWER", 1000)
-    with _server(lambda request: (request.wfile.write(_http(b" " * 5000)), None)[1]) as address:
-        link = connecting(address)
+    with server(_answering(_http(b" " * 5000))) as port:
+        link = connecting(_address(port))
         with pytest.raises(LinkError, match="more than 1000 bytes"):
             link.read()

@@ -4,12 +4,12 @@ import select
 import socket
 import socketserver
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 import pytest
-from plant_partners import Connecting, ManualClock
+from plant_partners import Behaviour, Connecting, ManualClock, server
 
 import bess
 from bess.edge.plant_io import LinkError, calls, openems
@@ -23,24 +23,7 @@ MAX_SHUTDOWN_S = 4.0
 """Longer than any call here may take, shorter than what the partners below would like."""
 
 
-@contextmanager
-def _partner(behave: Callable[[socketserver.StreamRequestHandler, threading.Event], None]) -> Iterator[int]:
-    stop = threading.Event()
-
-    class Handler(socketserver.StreamRequestHandler):
-        def handle(self) -> None:
-            with suppress(OSError):  # the other end may have gone
-                behave(self, stop)
-
-    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
-        server.daemon_threads = True
-        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
-        yield server.server_address[1]
-        stop.set()
-        server.shutdown()
-
-
-def _trickle(piece: bytes) -> Callable[[socketserver.StreamRequestHandler, threading.Event], None]:
+def _trickle(piece: bytes) -> Behaviour:
     def behave(request: socketserver.StreamRequestHandler, stop: threading.Event) -> None:
         while not stop.wait(0.05):
             request.wfile.write(piece)
@@ -74,7 +57,7 @@ def test_an_edge_that_trickles_before_its_answer_is_left_in_time(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch, piece: bytes
 ) -> None:
     monkeypatch.setattr(calls, "DEADLINE_S", 0.3)
-    with _partner(_trickle(piece)) as port:
+    with server(_trickle(piece)) as port:
         link = connecting(f"openems=http://127.0.0.1:{port}?ess=ess0,ess1,ess2")
         for call in (link.read, link.release):
             assert "no answer within 0.3 s" in _ends(call)
@@ -89,7 +72,7 @@ def test_headers_that_trickle_have_no_more_time_than_others(
         request.wfile.write(b"HTTP/1.1 200 OK\r\n")
         _trickle(b"X-More: 1\r\n")(request, stop)
 
-    with _partner(behave) as port:
+    with server(behave) as port:
         assert "no answer within 0.3 s" in _ends(connecting(f"openems=http://127.0.0.1:{port}").read)
 
 
@@ -100,7 +83,7 @@ def test_a_device_that_trickles_is_left_in_time(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch, piece: bytes
 ) -> None:
     monkeypatch.setattr(calls, "DEADLINE_S", 0.3)
-    with _partner(_trickle(piece)) as port:
+    with server(_trickle(piece)) as port:
         link = connecting(f"sunspec=127.0.0.1:{port}")
         for call in (link.read, link.release):
             assert _ends(call)
