@@ -34,10 +34,9 @@ def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
 
 
 @pytest.fixture(autouse=True)
-def _no_password_from_outside(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _no_password_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("BESS_PLANT_USER", raising=False)
     monkeypatch.delenv("BESS_PLANT_PASSWORD", raising=False)
-    yield
 
 
 @pytest.fixture(autouse=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Final
 
 from pymodbus.constants import ExcCodes
@@ -21,16 +21,6 @@ from bess.edge.plant_io.sunspec_device import END, MARK, decode, encode, offset,
 
 BASE: Final = 40_000
 _START_S: Final = 10.0
-
-_UNSET: Final[Mapping[str, int]] = {
-    "WSetEna": 0,
-    "WSetMod": 1,
-    "WSet": 0,
-    "WSetRvrt": 0,
-    "WSetEnaRvrt": 0,
-    "WSetRvrtTms": 0,
-    "WSet_SF": 0,
-}
 
 
 class SimulatedDevices(SimulatedPartner):
@@ -69,7 +59,8 @@ class _Device:
     def __init__(self, plant: SimulatedPlant, string: int) -> None:
         self._plant = plant
         self._string = string
-        self._control: dict[str, int] = dict(_UNSET)
+        unset = ("WSetEna", "WSet", "WSetRvrt", "WSetEnaRvrt", "WSetRvrtTms")
+        self._control = {"WSetMod": 1, **dict.fromkeys(unset, 0)}
         self._controller_beat = 0
         self._place: dict[int, range] = {}
         """Addresses of each model."""
@@ -116,18 +107,13 @@ class _Device:
         block = encode(704, self._models()[704])
         block[address - control : address - control + len(written)] = written
         model = decode(704, block)
-        self._control = {name: int(model.points[name].value or 0) for name in _UNSET}
-        if address == first:
-            self._apply(model)
-        return None
-
-    def _apply(self, model: Any) -> None:
-        if not self._control["WSetEna"]:
+        self._control = {name: int(model.points[name].value or 0) for name in self._control}
+        if address == first and not self._control["WSetEna"]:
             self._plant.take_back(self._string)
-            return
-        after_s = self._control["WSetRvrtTms"]
-        lapses_at = self._plant.clock() + after_s if after_s else math.inf
-        self._plant.ask(self._string, value(model, "WSet") / 1000.0, lapses_at)
+        elif address == first:
+            after_s = self._control["WSetRvrtTms"] or math.inf
+            self._plant.ask(self._string, value(model, "WSet") / 1000.0, self._plant.clock() + after_s)
+        return None
 
     def _models(self) -> dict[int, dict[str, Any]]:
         """Return the points of every model, in the order of their registers."""
