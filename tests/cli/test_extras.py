@@ -80,12 +80,13 @@ def test_the_documentation_of_the_package_is_there_without_its_extras(module: st
     assert "problem in" not in ended.stdout
 
 
-@pytest.mark.parametrize("words", [["report", "{run}"], ["compare", "{run}", "{run}"]])
+@pytest.mark.parametrize("words", [["report", "{run}/soc"], ["compare", "{run}/soc", "{run}/equal"]])
 def test_every_command_that_draws_names_the_extra(words: list[str], tmp_path: Path) -> None:
     import bess
 
-    study = bess.load_study("case1", {"policy.name": "soc", "run.days": 0.125})
-    bess.run(study, out=tmp_path, progress=False)
+    for policy in ("soc", "equal"):
+        study = bess.load_study("case1", {"policy.name": policy, "run.days": 0.125})
+        bess.run(study, out=tmp_path / policy, progress=False)
     ended = run_without("matplotlib", *(word.format(run=tmp_path) for word in words))
     assert ended.returncode == 2, ended.stderr
     assert ended.stderr.count("\n") == 1 and "pip install 'bess-powersplit[report]'" in ended.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Final
 from urllib.parse import parse_qsl, urlsplit
@@ -86,6 +87,4 @@ def parse_address(text: str) -> Address:
 def _hidden(text: str) -> str:
     """Return the text without a password."""
     network, question, options = text.partition("?")
-    before, at, after = network.rpartition("@")
-    head, slashes, user = before.rpartition("//")
-    return f"{head}{slashes}{user.partition(':')[0]}@{after}{question}{options}" if at else text
+    return re.sub(r"^((?:\w+=)?(?:\w+://)?[^:@]*).*@", r"\1@", network) + question + options

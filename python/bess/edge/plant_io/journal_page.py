@@ -17,7 +17,7 @@ from bess.edge.plant_io.journal import open_journal
 from bess.errors import InputError
 from bess.files import parse_toml
 from bess.report.contents import FigureSpec
-from bess.report.data import TimeAxis, curve, string_curves
+from bess.report.data import TimeAxis, curve, step_h, string_curves
 from bess.report.drawing.chart import Chart, Panel
 from bess.report.drawing.style import AVAILABILITY, DISCHARGE, INK
 from bess.report.page import FIGURES, section, write_page
@@ -92,8 +92,7 @@ class Losses:
 
 def modelled_losses(binned: xr.Dataset, system: System) -> Losses | None:
     """Compare both splits by the control model from the measured states; None if never comparable."""
-    times = binned["time"].values
-    width_h = float((times[1] - times[0]) / np.timedelta64(1, "h")) if len(times) > 1 else 1.0 / 3600.0
+    width_h = step_h(binned)
     powers = np.stack([binned["power_kw"].values, binned["recommended_kw"].values])  # (2, bins, strings)
     soc, temperature = binned["soc"].values, binned["temperature_c"].values
     temperature = np.where(np.isnan(temperature), system.ambient_c, temperature)

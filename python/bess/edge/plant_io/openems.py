@@ -118,12 +118,12 @@ class Link(StringLink[str]):
     refresh_s = REFRESH_S
 
     def __init__(self, address: Address, n_strings: int) -> None:
-        named = (*address.strings, *address.meter.split())
+        named = (*address.strings, *([address.meter] if address.meter else []))
         odd = not all(re.fullmatch(r"[A-Za-z0-9_]+", name) for name in named)
         if odd or len(address.strings) not in (0, n_strings):
             raise InputError(
-                f"plant {address.url}: ?ess= names {', '.join(address.strings)}; "
-                f"expected {n_strings} components, one for each string, of letters and digits"
+                f"plant {address.url}: ?ess= and ?meter= name {', '.join(named)}; expected {n_strings} "
+                "components, one for each string, and a meter if there is one, of letters and digits"
             )
         self.n_strings = n_strings
         self._url = address.url
