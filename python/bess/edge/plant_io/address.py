@@ -58,7 +58,8 @@ def parse_address(text: str) -> Address:
         parts = urlsplit(rest if "://" in rest else f"{schemes[0]}://{rest}")
         port = parts.port
     except ValueError as error:
-        raise refuse(f"{error}{as_in}") from None
+        why = "host and port, or user and password, cannot be read" if "@" in rest else str(error)
+        raise refuse(f"{why}{as_in}") from None
     if parts.scheme not in schemes:
         raise refuse(f"{parts.scheme}:// is not among {', '.join(schemes)}{as_in}")
     if not parts.hostname or port == 0 or parts.path not in ("", "/") or parts.fragment:
@@ -87,4 +88,4 @@ def parse_address(text: str) -> Address:
 def _hidden(text: str) -> str:
     """Return the text without a password."""
     network, question, options = text.partition("?")
-    return re.sub(r"^((?:\w+=)?(?:\w+://)?[^:@]*).*@", r"\1@", network) + question + options
+    return re.sub(r"^((?:\w+=)?(?:(?:https?|tcp)://)?[^:@]*).*@", r"\1@", network) + question + options
