@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from live_cases import measured
 
-from bess.edge.serve.answer import grouped
 from bess.edge.serve.monitoring import MAX_LINES, SPANS, History
-from bess.edge.serve.page import live
+from bess.edge.serve.page import grouped, live
 from bess.edge.serve.service import Service
 from bess.study import load_study
 

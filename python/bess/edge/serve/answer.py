@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +12,6 @@ from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW, PowerCapability
 from bess.edge.serve.measurement_validator import ValidState
 from bess.system import System
-
-_NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 
 
 @dataclass(frozen=True)
@@ -106,29 +102,3 @@ def _why(i: int, verb: str, system: System, valid: ValidState, able: PowerCapabi
     if able.charge_kw[i] <= POWER_TOLERANCE_KW and plant_kw <= 0.0:
         return f"at its highest state of charge, {100.0 * valid.soc_high[i]:.1f} %"
     return "it is not needed"
-
-
-def grouped(sentences: Sequence[str], in_service: Flags) -> list[dict[str, Any]]:
-    """Group strings by reason: strings out of service first, then the rarest reason.
-
-    Returns
-    -------
-    list of dict
-        ``text``, with the range of a number that differs; ``strings``, their numbers; ``in_service``.
-    """
-    groups: dict[str, list[int]] = {}
-    texts = [sentence.removeprefix(f"string {i} ") for i, sentence in enumerate(sentences)]
-    for i, text in enumerate(texts):
-        groups.setdefault(_NUMBER.sub("#", text), []).append(i)
-    found = []
-    for strings in groups.values():
-        values = iter(zip(*(_NUMBER.findall(texts[i]) for i in strings), strict=True))
-
-        def ranged(_: re.Match[str], values: Any = values) -> str:
-            numbers = next(values)
-            low, high = min(numbers, key=float), max(numbers, key=float)
-            return low if float(low) == float(high) else f"{low} to {high}"
-
-        text = _NUMBER.sub(ranged, texts[strings[0]])
-        found.append({"text": text, "strings": strings, "in_service": bool(in_service[strings].any())})
-    return sorted(found, key=lambda group: (group["in_service"], len(group["strings"])))

@@ -7,30 +7,29 @@ import hashlib
 import html
 import json
 import re
+from collections.abc import Sequence
 from importlib import resources
+from itertools import chain, zip_longest
 from typing import Any, Final
 
 import numpy as np
 
-from bess.edge.serve.answer import grouped
+from bess.arrays import Flags
 from bess.edge.serve.service import Service
-
-
-def _hash(text: str) -> str:
-    return "'sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() + "'"
 
 
 def _headers(page: str) -> dict[str, str]:
     """Content security policy: only scripts of the page run (by hash), with data from this service only."""
-    parts = {
-        kind: " ".join(_hash(text) for text in re.findall(rf"<{kind}>(.*?)</{kind}>", page, re.DOTALL))
-        for kind in ("script", "style")
-    }
+
+    def sources(kind: str) -> str:
+        texts = re.findall(rf"<{kind}>(.*?)</{kind}>", page, re.DOTALL)
+        digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts)
+        return " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"
+
     return {
         "Content-Security-Policy": (
-            f"default-src 'none'; script-src {parts['script'] or chr(39) + 'none' + chr(39)}; "
-            f"style-src {parts['style']}; connect-src 'self'; base-uri 'none'; form-action 'none'; "
-            "frame-ancestors 'none'"
+            f"default-src 'none'; script-src {sources('script')}; style-src {sources('style')}; "
+            "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
     }
 
@@ -74,6 +73,7 @@ _SHOWN: Final = (
     "request_kw", "unmet_kw", "status", "fallback", "flowing_kw", "running", "in_service", "reasons",
 )  # fmt: skip
 """Entries of an answer on the live page."""
+_NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 
 
 def live(service: Service, span: str) -> dict[str, Any]:
@@ -136,3 +136,29 @@ def _last(service: Service) -> dict[str, Any] | None:
         "ahead_told": service.told_ahead,
         "gap": None if plan.current is None else plan.current.gap,
     }
+
+
+def grouped(sentences: Sequence[str], in_service: Flags) -> list[dict[str, Any]]:
+    """Group strings by reason: strings out of service first, then the rarest reason.
+
+    Returns
+    -------
+    list of dict
+        ``text``, with the range of a number that differs; ``strings``, their numbers; ``in_service``.
+    """
+    groups: dict[tuple[str, ...], dict[int, list[str]]] = {}
+    for i, sentence in enumerate(sentences):
+        text = sentence.removeprefix(f"string {i} ")
+        groups.setdefault(tuple(_NUMBER.split(text)), {})[i] = _NUMBER.findall(text)
+    found = []
+    for words, numbers in groups.items():
+        ranges = map(_range, zip(*numbers.values(), strict=True))
+        text = "".join(chain(*zip_longest(words, ranges, fillvalue="")))
+        strings = list(numbers)
+        found.append({"text": text, "strings": strings, "in_service": bool(in_service[strings].any())})
+    return sorted(found, key=lambda group: (group["in_service"], len(group["strings"])))
+
+
+def _range(numbers: Sequence[str]) -> str:
+    low, high = min(numbers, key=float), max(numbers, key=float)
+    return low if float(low) == float(high) else f"{low} to {high}"
