@@ -23,6 +23,7 @@ from bess.arrays import Array, Flags
 from bess.checkpoints import Checkpointed
 from bess.control.split.objectives import SHORTFALL
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW
+from bess.study.sections import ServiceSection
 from bess.system import State, System
 
 ROTATION: Final = 0.02
@@ -112,24 +113,21 @@ class CommitmentProblem:
 class Commitment(Checkpointed):
     """Running inverters, the time since their last switching, and their starts.
 
-    ``start_kwh`` is the cost of a start; ``minimum_on_s`` and ``minimum_off_s`` do not delay the stop of a
-    string that goes out of service.
+    ``start_kwh`` of ``service`` is the cost of a start; ``minimum_on_s`` and ``minimum_off_s`` do not delay
+    the stop of a string that goes out of service.
     """
 
     _carried = ("running", "since_s", "starts", "_saved_kwh", "_peaks")
 
-    def __init__(
-        self, n_strings: int, *, start_kwh: float, minimum_on_s: float = 0.0, minimum_off_s: float = 0.0
-    ) -> None:
-        self._start_kwh = start_kwh
-        self._minimum_on_s, self._minimum_off_s = minimum_on_s, minimum_off_s
+    def __init__(self, n_strings: int, service: ServiceSection) -> None:
+        self._service = service
         self.running: Flags = np.zeros(n_strings, dtype=bool)
         self.since_s: Array = np.full(n_strings, _NO_LIMIT_S)
         self.starts: NDArray[np.int64] = np.zeros(n_strings, dtype=np.int64)
         # Accumulated saving of each exchange of a string (row) for another (column); the last means no
         # string.
         self._saved_kwh: Array = np.zeros((n_strings + 1, n_strings + 1))
-        # Age [s] and magnitude [kW] of demands above all later ones.
+        # Age [s] and magnitude [kW] of demands above all later ones, within the minimum off time.
         self._peaks: list[tuple[float, float]] = []
 
     def update(self, problem: CommitmentProblem, *, elapsed_s: float, step_s: float) -> None:
@@ -147,28 +145,28 @@ class Commitment(Checkpointed):
     def advance_time(self, usable: Flags, demand_kw: float, elapsed_s: float) -> None:
         """Advance to the present demand (magnitude); stop strings that are no longer usable."""
         self.since_s = self.since_s + elapsed_s
-        self._remember(demand_kw, elapsed_s)
+        kept = [(age + elapsed_s, peak) for age, peak in self._peaks if peak > demand_kw]
+        self._peaks = [(age, peak) for age, peak in kept if age <= self._service.minimum_off_s]
+        self._peaks.append((0.0, demand_kw))
         self._switch(self.running & ~usable, on=False)
 
     def set_commitment(self, wanted: Flags, usable: Flags) -> None:
         """Switch to the wanted inverters, within minimum on and off times."""
-        startable = ~self.running & usable & (self.since_s >= self._minimum_off_s)
-        stoppable = self.running & (self.since_s >= self._minimum_on_s)
-        self._switch(stoppable & ~wanted, on=False)
-        self._switch(startable & wanted, on=True)
+        self._switch(self._stoppable() & ~wanted, on=False)
+        self._switch(self._startable(usable) & wanted, on=True)
         self._saved_kwh[:] = 0.0
+
+    def _stoppable(self) -> Flags:
+        return self.running & (self.since_s >= self._service.minimum_on_s)
+
+    def _startable(self, usable: Flags) -> Flags:
+        return ~self.running & usable & (self.since_s >= self._service.minimum_off_s)
 
     def _switch(self, which: Flags, *, on: bool) -> None:
         if which.any():
             self.running = np.where(which, on, self.running)
             self.since_s = np.where(which, 0.0, self.since_s)
             self.starts = self.starts + (which if on else 0)
-
-    def _remember(self, demand_kw: float, elapsed_s: float) -> None:
-        """Record the demand peaks within the minimum off time."""
-        kept = [(age + elapsed_s, peak) for age, peak in self._peaks if peak > demand_kw]
-        self._peaks = [(age, peak) for age, peak in kept if age <= self._minimum_off_s]
-        self._peaks.append((0.0, demand_kw))
 
     def _move(self, problem: CommitmentProblem, step_s: float, *, adds_up: bool) -> tuple[int, int] | None:
         """Next switching with a net saving: the string that stops, the string that starts, as candidates."""
@@ -177,8 +175,7 @@ class Commitment(Checkpointed):
         if not from_.size:
             return None
         # Sets of running strings: the present one, then each candidate; the last column means no string.
-        sets = np.zeros((from_.size + 1, n + 1), dtype=bool)
-        sets[:, :n] = self.running
+        sets = np.tile(np.append(self.running, False), (from_.size + 1, 1))
         index = np.arange(1, from_.size + 1)
         sets[index, from_] = False
         sets[index, to] = True
@@ -212,8 +209,7 @@ class Commitment(Checkpointed):
     def _candidates(self, usable: Flags) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Strings that may stop, and strings that may start instead; ``n_strings`` means no string."""
         n = self.running.size
-        stop = np.flatnonzero(self.running & (self.since_s >= self._minimum_on_s))
-        start = np.flatnonzero(~self.running & usable & (self.since_s >= self._minimum_off_s))
+        stop, start = np.flatnonzero(self._stoppable()), np.flatnonzero(self._startable(usable))
         from_, to = (a.ravel() for a in np.meshgrid([*stop, n], [*start, n], indexing="ij"))
         moves = (from_ < n) | (to < n)
         return from_[moves], to[moves]
@@ -221,4 +217,4 @@ class Commitment(Checkpointed):
     def _start_worth_kwh(self) -> Array:
         """Cost of a start, smallest for the string with the fewest starts."""
         above = np.minimum(self.starts - self.starts.min(), 40)
-        return np.asarray((self._start_kwh + 1e-9) * (1.0 + ROTATION * above))
+        return np.asarray((self._service.start_kwh + 1e-9) * (1.0 + ROTATION * above))

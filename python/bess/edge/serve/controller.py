@@ -97,12 +97,7 @@ class Controller(Checkpointed):
         self._forecast = DemandForecast(self.step_s, plan_s, plan_steps)
         self.ageing = Ageing(system)
         self._guard = MeasurementValidator(system, service, self.step_s, self.ageing)
-        self.commitment = Commitment(
-            n,
-            start_kwh=service.start_kwh,
-            minimum_on_s=service.minimum_on_s,
-            minimum_off_s=service.minimum_off_s,
-        )
+        self.commitment = Commitment(n, service)
         self.answers = self.fallbacks = 0
         self.charged_kwh: Array = np.zeros(n)
         self.discharged_kwh: Array = np.zeros(n)
@@ -234,7 +229,7 @@ class Controller(Checkpointed):
         most = able.towards(discharge)
         curves = Curves.of(self.system, state, discharge)
         problem = CommitmentProblem(abs(demand_kw), most, most > 0.0, curves, np.zeros(self.n_strings))
-        chosen = Commitment(self.n_strings, start_kwh=0.0)
+        chosen = Commitment(self.n_strings, ServiceSection(start_kwh=0.0))
         chosen.update(problem, elapsed_s=0.0, step_s=self.plan.step_s)
         limits = set_point_range(able, self.last_kw, None)
         wanted = problem.best_shares(chosen.running)
