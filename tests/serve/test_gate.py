@@ -175,7 +175,7 @@ def test_a_service_for_others_goes_by_its_address_its_name_and_those_allowed(
 ) -> None:
     monkeypatch.setattr("socket.gethostname", lambda: "Bess-PC")
     for host in ("0.0.0.0", "::", "10.0.0.5", "plant.example"):
-        names = Names.of(host)
+        names = Names(host)
         for own in (
             host if ":" not in host else f"[{host}]",
             "192.168.7.7:8080",
@@ -186,7 +186,7 @@ def test_a_service_for_others_goes_by_its_address_its_name_and_those_allowed(
         for other in ("evil.example", "bess-pc.evil.example", "", None):
             assert not names.answers(other)
     # A service behind a proxy that leaves Host as it is, or puts the service's own address there.
-    names = Names.of("127.0.0.1", ["bess.example", "Panel.example.:8443"])
+    names = Names("127.0.0.1", ["bess.example", "Panel.example.:8443"])
     for host in ("bess.example", "panel.example", "panel.example:8443", "127.0.0.1:8080"):
         assert names.answers(host)
     for host, origin in (
@@ -197,13 +197,13 @@ def test_a_service_for_others_goes_by_its_address_its_name_and_those_allowed(
         assert names.is_own_page(host, [origin], ["same-origin"])
     for origin in ("https://bess.example:3000", "https://panel.example", "http://localhost:3000"):
         assert not names.is_own_page("127.0.0.1:8080", [origin], [])
-    assert not Names.of("127.0.0.1").answers("bess-pc")
+    assert not Names("127.0.0.1").answers("bess-pc")
 
 
 def test_an_allowed_name_that_is_none_is_refused_at_the_start() -> None:
     for text in ("http://plant.example", "plant.example/", "*", ""):
         with pytest.raises(InputError, match=r"--allowed-host .*NAME or NAME:PORT"):
-            Names.of("127.0.0.1", [text])
+            Names("127.0.0.1", [text])
 
 
 def test_nobody_gets_in_without_the_token(closed: TestClient) -> None:

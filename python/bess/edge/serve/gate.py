@@ -9,7 +9,6 @@ import re
 import socket
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -103,44 +102,38 @@ _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 _OWN_PAGES: Final = {"same-origin", "none"}
 
 
-@dataclass(frozen=True)
 class Names:
     """Host names of a service, against pages of other origins in an operator's browser.
 
-    With DNS rebinding, the owner of a foreign domain points it at this service, so that a browser treats the
-    foreign page as "same origin". ``Host`` must therefore be a name of the service, or a numeric address.
+    They are those of ``host``, on which it listens, and the further ``allowed`` ones. With DNS rebinding, the
+    owner of a foreign domain points it at this service, so that a browser treats the foreign page as "same
+    origin". ``Host`` must therefore be a name of the service, or a numeric address.
     """
 
-    own: frozenset[str]
-    """Names permitted in ``Host``."""
-    proxies: frozenset[Authority]
-    """Further authorities of the service's own pages, behind a proxy."""
-    any_address: bool
-    """Whether ``Host`` may be any numeric address, because the machine is reached from outside."""
-
-    @classmethod
-    def of(cls, host: str, allowed: Iterable[str] = ()) -> Names:
-        """Return the names of a service that listens on ``host``, and the further allowed names."""
-        given = {text: _authority(text) for text in allowed}
-        for text, authority in given.items():
+    def __init__(self, host: str, allowed: Iterable[str] = ()) -> None:
+        # Further authorities of the service's own pages, behind a proxy.
+        self._proxies: set[Authority] = set()
+        for text in allowed:
+            authority = _authority(text)
             if authority is None:
                 raise InputError(f"--allowed-host {text}: needs NAME or NAME:PORT, such as plant.example")
-        proxies = frozenset(authority for authority in given.values() if authority is not None)
-        far = not _is_loopback(host)
-        machine = (host, socket.gethostname()) if far else (host,)
-        own = {_normalised(name) for name in (*_LOOPBACK, *machine)} | {name for name, _ in proxies}
-        return cls(frozenset(own), proxies, far)
+            self._proxies.add(authority)
+        # A machine that is reached from outside is reached by any numeric address.
+        self._any_address = not _is_loopback(host)
+        machine = (host, socket.gethostname()) if self._any_address else (host,)
+        self._own = {_normalised(name) for name in (*_LOOPBACK, *machine)}
+        self._own |= {name for name, _ in self._proxies}
 
     def answers(self, host: str | None) -> bool:
         """Whether a ``Host`` header names this service; the port is ignored, because tunnels change it."""
         authority = _authority(host or "")
         if authority is None:
             return False
-        return authority[0] in self.own or (self.any_address and _address(authority[0]) is not None)
+        return authority[0] in self._own or (self._any_address and _address(authority[0]) is not None)
 
     def is_own_page(self, host: str | None, origins: Iterable[str], sites: Iterable[str]) -> bool:
         """Whether ``Origin`` and ``Sec-Fetch-Site`` are of a page of the service, or of no page."""
-        here = {_authority(host or ""), *self.proxies} - {None}
+        here = {_authority(host or ""), *self._proxies} - {None}
         pages = {_authority(origin.partition("://")[2]) for origin in origins}
         return pages <= here and _OWN_PAGES.issuperset(sites)
 
@@ -169,7 +162,7 @@ def _is_loopback(host: str) -> bool:
     return host == "localhost" if address is None else address.is_loopback
 
 
-LOCAL: Final = Names.of("127.0.0.1")
+LOCAL: Final = Names("127.0.0.1")
 """Names of a service that only this machine can reach."""
 
 

@@ -58,7 +58,7 @@ def serve(
     refuse_reactive("the service", "share it by another controller", requested=study.reactive is not None)
     token = None if token_file is None else read_token(token_file)
     check_token(host, token, drives=plant is not None and not shadow and not simulated)
-    names = Names.of(host, allowed_hosts)
+    names = Names(host, allowed_hosts)
     if shadow and plant is None:
         raise InputError("--shadow: watches a plant; name one with --plant openems=URL or sunspec=HOST")
     address = "" if plant is None else str(parse_address(plant))
