@@ -91,7 +91,7 @@ class History:
     """Means over the steps of each span, in bounded memory."""
 
     def __init__(self) -> None:
-        self._spans = {name: _Span(every_s, most) for name, (every_s, most) in SPANS.items()}
+        self._spans = {name: _Span(*span) for name, span in SPANS.items()}
         self._began_s = self._now_s = np.nan
 
     def add(self, plant: dict[str, float], soc: Array, request_kw: Array) -> None:
@@ -109,8 +109,9 @@ class History:
         While a shorter span still contains the whole history, its finer steps are returned.
         """
         age_s = self._now_s - self._began_s
-        finest = next((finer for finer, (every_s, most) in SPANS.items() if age_s < every_s * most), name)
-        span = self._spans[min(finest, name, key=list(SPANS).index)]
+        span = next(
+            span for each, span in self._spans.items() if each == name or age_s < span.every_s * span.most
+        )
         columns = [[None if np.isnan(v) else round(v, _DIGITS) for v in column] for column in span.columns()]
         known, rest = dict(zip(_PLANT, columns, strict=False)), columns[len(_PLANT) :]
         n = (len(rest) - len(QUANTILES)) // 2
@@ -122,7 +123,7 @@ class _Span:
     """Rows of one span, each beginning with its time; one thread reads them, another writes them."""
 
     def __init__(self, every_s: float, most: int) -> None:
-        self.every_s, self._most = every_s, most
+        self.every_s, self.most = every_s, most
         # Number of a step, sums of the known values, and their counts.
         self._rows: deque[tuple[int, Array, Array]] = deque(maxlen=most + 1)
 
@@ -141,5 +142,5 @@ class _Span:
             return [[] for _ in (*_PLANT, *QUANTILES)]
         total, count = (np.array(column) for column in list(zip(*rows, strict=True))[1:])
         means = np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)
-        kept: list[list[float]] = means[means[:, 0] > means[-1, 0] - self._most * self.every_s].T.tolist()
+        kept: list[list[float]] = means[means[:, 0] > means[-1, 0] - self.most * self.every_s].T.tolist()
         return kept
