@@ -100,30 +100,28 @@ class MeasurementValidator(Checkpointed):
         """
         energy_kwh = self._system.nominal_energy_kwh * self._ageing.soh_capacity
         late = self._is_late(measured, elapsed_s)
-        reasons, rows, out_of_service = [], [], []
+        reasons, rows = [], []
         for i, watch in enumerate(self._watch):
             reason, out = watch.judge(measured, float(asked_kw[i]), elapsed_s, float(energy_kwh[i]), drives)
             if late and not out:
                 reason, out = late, True
             reasons.append(reason)
-            flow_kw = watch.flow_kw_of(measured, elapsed_s, out=out)
             limit_kw = 0.0 if out else np.inf if watch.cap_kw is None else watch.cap_kw
-            soc, low, high = watch.possible_soc()
-            temperature_c = self._system.ambient_c if watch.temperature_c is None else watch.temperature_c
-            rows.append((soc, temperature_c, low, high, limit_kw, flow_kw))
-            out_of_service.append(out)
-        soc_, temperature, low_, high_, cap_kw, flow = np.array(rows, dtype=np.float64).T
-        in_service = ~np.array(out_of_service)
+            reading_c = self._system.ambient_c if watch.temperature_c is None else watch.temperature_c
+            flow = watch.flow_kw_of(measured, elapsed_s, out=out)
+            rows.append((*watch.possible_soc(), reading_c, limit_kw, flow, not out))
+        soc, low, high, temperature_c, cap_kw, flow_kw, fit = np.array(rows, dtype=np.float64).T
+        in_service = fit > 0.0
         return ValidState(
-            State(soc_, temperature, self._ageing.soh_capacity, self._ageing.soh_resistance),
-            low_,
-            high_,
+            State(soc, temperature_c, self._ageing.soh_capacity, self._ageing.soh_resistance),
+            low,
+            high,
             np.minimum(self._limit(measured.charge_limit_kw), cap_kw),
             np.minimum(self._limit(measured.discharge_limit_kw), cap_kw),
             in_service,
             tuple(reasons),
             np.array([watch.other for watch in self._watch]),
-            self._at_meter(measured, in_service, flow),
+            self._at_meter(measured, in_service, flow_kw),
         )
 
     def state_dict(self) -> dict[str, Any]:
@@ -173,7 +171,6 @@ class _StringMonitor(Checkpointed):
         battery = system.strings[string].battery
         self._i, self._service, self._step_s = string, service, step_s
         self._nominal_kw, self._window = float(system.nominal_kw[string]), (battery.soc_min, battery.soc_max)
-        self._energy_kwh = np.nan
         self.soc: float | None = None
         self.temperature_c: float | None = None
         self.other_soc: float | None = None
@@ -182,17 +179,19 @@ class _StringMonitor(Checkpointed):
         self.resolution = MAX_SOC_RESOLUTION
         self.last_reading: float | None = None
         self.last_power_kw: float | None = None
-        self.flow_kw = self.flow_s = 0.0
+        self.flow_kw = self.flow_s = self.missing_s = self.out_until_s = 0.0
         self.was_out = False
-        self.stands = ""
-        self.missing_s = 0.0
-        self.off_target = self.on_target = self.tries = 0
-        self.cap_kw: float | None = None
-        self.out_reason = ""
-        self.out_s = self.out_until_s = 0.0
+        self.on_target = self.tries = 0
         self.asked_kw: list[float] = []
+        self._forgive()
+
+    def _forgive(self) -> None:
+        """Put the string back into service, as at the start."""
+        self.out_reason = self.stands = ""
+        self.out_s = self.rest_s = 0.0
+        self.cap_kw: float | None = None
+        self.off_target = 0
         self.other = False
-        self.rest_s = 0.0
 
     def possible_soc(self) -> Array:
         """SOC, and the smaller and the larger of its possible values, within the window."""
@@ -218,7 +217,7 @@ class _StringMonitor(Checkpointed):
         self, measured: Measurements, asked_kw: float, elapsed_s: float, energy_kwh: float, drives: bool
     ) -> tuple[str, bool]:
         """Check the readings of the string."""
-        i, self._energy_kwh = self._i, energy_kwh
+        i = self._i
         power, soc, temperature = (
             float(values[i]) for values in (measured.power_kw, measured.soc, measured.temperature_c)
         )
@@ -227,14 +226,14 @@ class _StringMonitor(Checkpointed):
         if not measured.available[i]:
             self._forgive()
             self.unchanged, self.moved = 0, 0.0
-            if np.isfinite(soc) and 0.0 <= soc <= 1.0:
-                self.soc, self.other_soc, self.agreeing = soc, None, 0
+            if 0.0 <= soc <= 1.0:
+                self._accept_soc(soc)
             remark = measured.remarks[i] if measured.remarks else ""
             return remark or "out of service, says the plant", True
         if unusable := self._unusable(soc, temperature, expected, elapsed_s):
             return unusable
         soc = min(max(soc, 0.0), 1.0)
-        doubt = self._take_soc(soc, expected, elapsed_s)
+        doubt = self._take_soc(soc, expected, elapsed_s, energy_kwh)
         doubt = self._take_temperature(temperature, elapsed_s) or doubt
         same_power = self.last_power_kw is not None and power == self.last_power_kw
         self.last_power_kw = power if np.isfinite(power) else None
@@ -280,25 +279,28 @@ class _StringMonitor(Checkpointed):
             return f"its temperature of {temperature_c:.4g} °C is implausible", True
         return None
 
-    def _take_soc(self, soc: float, expected: float, elapsed_s: float) -> str:
+    def _take_soc(self, soc: float, expected: float, elapsed_s: float, energy_kwh: float) -> str:
         """Accept a plausible reading; after a jump, keep both values until readings agree."""
         span_s = max(elapsed_s, self._step_s)
-        reach = SOC_SLACK + 1.2 * self._nominal_kw * span_s / 3600.0 / self._energy_kwh
+        reach = SOC_SLACK + 1.2 * self._nominal_kw * span_s / 3600.0 / energy_kwh
         before = self.soc
         if before is None or abs(soc - before - expected) <= reach:
             if before is not None and 0.0 < abs(soc - before) < self.resolution:
                 self.resolution = max(abs(soc - before), MIN_SOC_RESOLUTION)
-            self.soc, self.other_soc, self.agreeing = soc, None, 0
+            self._accept_soc(soc)
             return ""
         agrees = self.other_soc is not None and abs(soc - self.other_soc - expected) <= reach
         self.agreeing = self.agreeing + 1 if agrees else 1
         jump = f"its state of charge jumped from {100.0 * before:.4g} % to {100.0 * soc:.4g} %"
         if self.agreeing >= CONSISTENT_READINGS:
-            self.soc, self.other_soc, self.agreeing = soc, None, 0
+            self._accept_soc(soc)
             return f"{jump} and stays"
         self.soc = min(max(before + expected, 0.0), 1.0)
         self.other_soc = soc
         return f"{jump}; the more conservative of both values applies"
+
+    def _accept_soc(self, soc: float) -> None:
+        self.soc, self.other_soc, self.agreeing = soc, None, 0
 
     def _take_temperature(self, temperature_c: float, elapsed_s: float) -> str:
         before = self.temperature_c
@@ -385,10 +387,6 @@ class _StringMonitor(Checkpointed):
     def _out_sentence(self) -> str:
         left_s = max(0.0, self.out_until_s - self.out_s)
         return f"{self.out_reason}; tried again in {left_s:.0f} s"
-
-    def _forgive(self) -> None:
-        self.out_reason, self.out_s, self.cap_kw, self.off_target = "", 0.0, None, 0
-        self.stands, self.other, self.rest_s = "", False, 0.0
 
 
 def _off(asked_kw: float, power_kw: float) -> str:
