@@ -35,10 +35,6 @@ DISK_TIMEOUT_S: Final = 5.0
 _FLUSH_S: Final = 1.0
 
 
-def _made_if_missing(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_CREAT, 0o600)
-
-
 class StateStore:
     """State of a controller in a folder, valid for one system.
 
@@ -135,7 +131,8 @@ class StateStore:
 
     def _write(self, name: str, content: bytes) -> None:
         if name not in self._files:
-            self._files[name] = FileIO(self.folder / name, "r+", opener=_made_if_missing)
+            (self.folder / name).touch(0o600)
+            self._files[name] = FileIO(self.folder / name, "r+")
         file = self._files[name]
         file.seek(0)
         if file.write(content) != len(content):
