@@ -153,7 +153,7 @@ class Controller(Checkpointed):
         discharge = rest_kw > 0.0 or (rest_kw == 0.0 and asked_kw >= 0.0)
         able_to_share = able.only(sharing)
 
-        wanted = self._choose(valid, able_to_share, sharing, abs(rest_kw), discharge, now_s, elapsed_s)
+        wanted = self._choose(valid, able_to_share, sharing, rest_kw, discharge, now_s, elapsed_s)
         limits = set_point_range(
             able_to_share,
             np.where(sharing, self.last_kw, 0.0),
@@ -263,19 +263,19 @@ class Controller(Checkpointed):
         now_s: float,
         elapsed_s: float,
     ) -> Array:
-        """Switch inverters; return the wanted magnitude of each string."""
+        """Switch inverters for a signed demand; return the wanted magnitude of each string."""
         most = able.towards(discharge)
         most = np.where(most >= self.soc_limits.minimum_kw, most, 0.0)
         coming = self.plan.from_now(now_s)
         planned = None if coming is None else coming[:, 0]
-        signed_kw = demand_kw if discharge else -demand_kw
-        followed = self._planned_shares(planned, signed_kw, most, elapsed_s)
+        followed = self._planned_shares(planned, demand_kw, most, elapsed_s)
         if followed is not None:
-            self.commitment.advance_time(usable, demand_kw, elapsed_s)
+            self.commitment.advance_time(usable, abs(demand_kw), elapsed_s)
             self.commitment.set_commitment(followed > 0.0, usable & (most > 0.0))
             return followed
         curves = Curves.of(self.system, valid.worse(discharge), discharge)
-        problem = CommitmentProblem(demand_kw, most, usable, curves, preferences(planned, curves, discharge))
+        price = preferences(planned, curves, discharge)
+        problem = CommitmentProblem(abs(demand_kw), most, usable, curves, price)
         self.commitment.update(problem, elapsed_s=elapsed_s, step_s=self.step_s)
         return problem.best_shares(self.commitment.running)
 

@@ -213,10 +213,10 @@ class CarriedPlan(Checkpointed):
 
     def gap(self, request_kw: Array, now_s: float) -> float | None:
         """Gap of set-points to a rigorous bound, if they are those of a plan of this step."""
-        planned, plan = self.from_now(now_s), self.current
-        if planned is None or plan is None or plan.slot != self.slot(now_s):
+        plan = self.current
+        if plan is None or plan.slot != self.slot(now_s):
             return None
-        return plan.gap if np.allclose(request_kw, planned[:, 0], rtol=1e-6, atol=1e-6) else None
+        return plan.gap if np.allclose(request_kw, plan.request_kw[:, 0], rtol=1e-6, atol=1e-6) else None
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore the result of :meth:`state_dict`."""
