@@ -20,7 +20,7 @@ DAY_S = 86_400.0
 
 def placement(demand_kw: list[float], soc: float = 0.6):  # type: ignore[no-untyped-def]
     system = bess.System.reference(2)
-    trusted = ValidState.without_doubt(bess.State([soc, soc], [25.0, 25.0]), system.nominal_kw)
+    trusted = ValidState.without_doubt(bess.State([soc, soc], [25.0, 25.0]), system)
     service = ServiceSection(calibration_kw=46.0)
     return place(system, service, trusted, np.array(demand_kw), 0.5, 0, len(demand_kw))
 
@@ -79,7 +79,7 @@ def test_after_a_search_that_fails_the_next_step_of_the_plan_begins_another(
 ) -> None:
     system, service = bess.System.reference(2), ServiceSection(calibration_days=2.0)
     plans = Calibration(system, service, SocLimits(system, service, 900.0), pool)
-    valid = ValidState.without_doubt(bess.State([0.6, 0.6], [25.0, 25.0]), system.nominal_kw)
+    valid = ValidState.without_doubt(bess.State([0.6, 0.6], [25.0, 25.0]), system)
     plans.full_s = np.zeros(2)
 
     def searched(at_s: float) -> None:

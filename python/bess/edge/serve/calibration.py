@@ -145,8 +145,7 @@ class Calibration(Checkpointed):
         if spare_kw < 0.0:
             return request, np.ones(n, dtype=bool)
         wanted_kw = max(self._power_kw[i], -demand_kw - rest.charge_kw.sum())
-        energy_kwh = self._system.nominal_energy_kwh[i] * valid.state.soh_capacity[i]
-        room_kwh = (self.target_soc - valid.soc_high[i]) * energy_kwh
+        room_kwh = (self.target_soc - valid.soc_high[i]) * valid.energy_kwh[i]
         can_kw = min(wanted_kw, valid.charge_kw[i], room_kwh / dt_h, spare_kw)
         request[i] = -can_kw if can_kw >= self._limits.minimum_kw[i] else 0.0
         return request, others
@@ -157,8 +156,7 @@ class Calibration(Checkpointed):
         """Begin the search for a time if a string is due within the day; once in a step of the plan."""
         due_s = np.where(valid.in_service, self.full_s + period_s, np.inf)
         i = int(np.argmin(due_s))
-        energy_kwh = self._system.nominal_energy_kwh[i] * valid.state.soh_capacity[i]
-        missing_kwh = (self._limits.full[i] - valid.soc_low[i]) * energy_kwh
+        missing_kwh = (self._limits.full[i] - valid.soc_low[i]) * valid.energy_kwh[i]
         ahead_s = max(min(_DAY_S, period_s / 2.0), 3600.0 * SLACK * missing_kwh / self._power_kw[i])
         if now_s < due_s[i] - ahead_s:
             return
@@ -187,7 +185,6 @@ def place(
     difference from days without it.
     """
     limits = SocLimits(system, service, 3600.0 * dt_h)
-    energy_kwh = system.nominal_energy_kwh * valid.state.soh_capacity
     starts = range(0, max(1, min(due, demand_kw.size)), max(1, demand_kw.size // STARTS))
     demand_kw = np.tile(demand_kw, 2)
 
@@ -205,7 +202,7 @@ def place(
             own_kw, others = calibration.request(now, able, float(asked_kw), dt_h)
             rest_kw = float(asked_kw - own_kw.sum())
             discharge = rest_kw > 0.0
-            weights = limits.room(state.soc, discharge) * energy_kwh
+            weights = limits.room(state.soc, discharge) * valid.energy_kwh
             power_kw = water_fill(abs(rest_kw), weights, able.only(others).towards(discharge))
             undelivered_kw = abs(rest_kw) - power_kw.sum()
             # The control model accepts requests of one sign: calibration and demand, one after the other.

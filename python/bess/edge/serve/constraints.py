@@ -84,8 +84,7 @@ class SocLimits:
         state = valid.worse(discharge)
         model = self._system.control_at(valid.state)
         physical = model.deliverable_kw(np.ascontiguousarray(state.soc), state.temperature_c, discharge, dt_h)
-        energy_kwh = self._system.nominal_energy_kwh * state.soh_capacity
-        stored = self.room(state.soc, discharge) * energy_kwh / dt_h
+        stored = self.room(state.soc, discharge) * valid.energy_kwh / dt_h
         limit = valid.discharge_kw if discharge else valid.charge_kw
         return np.maximum(np.minimum(np.minimum(physical, stored), limit), 0.0)
 

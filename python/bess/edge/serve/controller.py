@@ -225,7 +225,7 @@ class Controller(Checkpointed):
         discharge = demand_kw >= 0.0
         last = self.system.initial_state() if self.valid is None else self.valid.state
         state = replace(last, soc=np.clip(soc, self.soc_limits.empty, self.soc_limits.full))
-        able = self.soc_limits.able(ValidState.without_doubt(state, self.system.nominal_kw))
+        able = self.soc_limits.able(ValidState.without_doubt(state, self.system))
         most = able.towards(discharge)
         curves = Curves.of(self.system, state, discharge)
         problem = CommitmentProblem(abs(demand_kw), most, most > 0.0, curves, np.zeros(self.n_strings))

@@ -46,6 +46,8 @@ class ValidState:
     soc_low: Array
     soc_high: Array
     """Range of the SOC if two values are possible; otherwise both equal the SOC of ``state``."""
+    energy_kwh: Array
+    """Energy between SOC 0 and 1, as aged."""
     charge_kw: Array
     discharge_kw: Array
     """Maximum power by inverter, plant and validation, ``>= 0``; 0 for a string out of service."""
@@ -59,11 +61,12 @@ class ValidState:
     """Power of strings out of service, positive = discharge; 0 for strings in service."""
 
     @classmethod
-    def without_doubt(cls, state: State, nominal_kw: Array) -> ValidState:
+    def without_doubt(cls, state: State, system: System) -> ValidState:
         """A plant with all strings in service, limited by their inverters only."""
-        n = nominal_kw.size
-        free = np.ones(n, dtype=bool)
-        return cls(state, state.soc, state.soc, nominal_kw, nominal_kw, free, ("",) * n, ~free, np.zeros(n))
+        n, most_kw = system.n_strings, system.nominal_kw
+        energy_kwh, free = system.nominal_energy_kwh * state.soh_capacity, np.ones(n, dtype=bool)
+        soc, reasons = state.soc, ("",) * n
+        return cls(state, soc, soc, energy_kwh, most_kw, most_kw, free, reasons, ~free, np.zeros(n))
 
     @property
     def limit_kw(self) -> Array:
@@ -116,6 +119,7 @@ class MeasurementValidator(Checkpointed):
             State(soc, temperature_c, self._ageing.soh_capacity, self._ageing.soh_resistance),
             low,
             high,
+            energy_kwh,
             np.minimum(self._limit(measured.charge_limit_kw), cap_kw),
             np.minimum(self._limit(measured.discharge_limit_kw), cap_kw),
             in_service,

@@ -110,11 +110,10 @@ def _last(service: Service) -> dict[str, Any] | None:
         return None
     at_s, demand_kw, answer = service.last
     in_service, state = answer.in_service, valid.state
-    energy_kwh = controller.system.nominal_energy_kwh * state.soh_capacity
 
     def left_kwh(discharge: bool) -> float:
         room = controller.soc_limits.room(valid.worse(discharge).soc, discharge)
-        return float((room * energy_kwh)[in_service].sum())
+        return float((room * valid.energy_kwh)[in_service].sum())
 
     said = answer.document()
     return {
@@ -125,7 +124,7 @@ def _last(service: Service) -> dict[str, Any] | None:
         "because": grouped(answer.reasons, in_service),
         "soc": state.soc.tolist(),
         "temperature_c": state.temperature_c.tolist(),
-        "plant_soc": float(np.average(state.soc, weights=energy_kwh)),
+        "plant_soc": float(np.average(state.soc, weights=valid.energy_kwh)),
         "discharge_kwh": left_kwh(True),
         "charge_kwh": left_kwh(False),
         "discharge_kw": float(controller.able.discharge_kw.sum()),
