@@ -30,7 +30,7 @@ from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.commitment import Commitment, CommitmentProblem, Curves
 from bess.edge.serve.constraints import PowerCapability, SocLimits, set_point_range, share
 from bess.edge.serve.measurement_validator import MeasurementValidator, ValidState
-from bess.edge.serve.plan import CarriedPlan, DemandForecast, ahead, preferences
+from bess.edge.serve.plan import CarriedPlan, DemandForecast, preferences
 from bess.errors import InputError
 from bess.study.sections import Event, ServiceSection
 from bess.system import System
@@ -167,7 +167,7 @@ class Controller(Checkpointed):
         self.answers += 1
         return Answer(
             request_kw=request,
-            plan_kw=ahead(self.plan, request, forecast_kw, now_s, valid.limit_kw),
+            plan_kw=self.plan.ahead(request, forecast_kw, now_s, valid.limit_kw),
             status=status(unmet_kw, demand_kw, self.plan.from_now(now_s) is not None, self.plan.making.error),
             gap=self.plan.gap(request, now_s),
             fallback=False,

@@ -196,14 +196,6 @@ class CarriedPlan(Checkpointed):
             self.making.begin(self._make, slot, gone, state, forecast_kw, limit_kw)
             self.current = self.making.collect(wait_s) or self.current
 
-    def limit_ahead_kw(self, slot: int, limit_kw: Array, n_steps: int) -> Array:
-        """Expected power of each string in the steps from ``slot`` on, ``(n_strings, n_steps)``."""
-        grid = TimeGrid(round(slot * self.step_s), round(self.step_s), n_steps)
-        announced_kw = limits_of(self._events, self._system, grid)
-        # A limit that was not announced is expected to last.
-        unannounced_kw = np.where(limit_kw < announced_kw[0], limit_kw, np.inf)
-        return np.minimum(announced_kw, unannounced_kw).T
-
     def from_now(self, now_s: float) -> Array | None:
         """Set-points from the present step on, shape ``(n_strings, n_left)``; None without a plan."""
         offset = 0 if self.current is None else self.slot(now_s) - self.current.slot
@@ -218,12 +210,44 @@ class CarriedPlan(Checkpointed):
             return None
         return plan.gap if np.allclose(request_kw, plan.request_kw[:, 0], rtol=1e-6, atol=1e-6) else None
 
+    def ahead(
+        self, request_kw: Array, forecast_kw: Sequence[float] | Array | None, now_s: float, limit_kw: Array
+    ) -> Array:
+        """Present set-points, then shares of the forecast as in the plan, ``(n_strings, n_steps)``."""
+        if forecast_kw is None or len(forecast_kw) < 2:
+            return request_kw[:, None]
+        demand = np.asarray(forecast_kw, dtype=np.float64)
+        most = self._limit_ahead_kw(self.slot(now_s), limit_kw, demand.size)
+        planned = np.zeros(most.shape)
+        known = self.from_now(now_s)
+        if known is not None:
+            n = min(known.shape[1], demand.size)
+            planned[:, :n] = np.minimum(np.abs(known[:, :n]), most[:, :n])
+        wanted = np.abs(demand)
+        power = np.where(planned.any(axis=0), planned, most)
+        power = power * np.minimum(1.0, wanted / np.maximum(power.sum(axis=0), 1e-12))
+        # Demand above the plan is shared by headroom.
+        room = most - power
+        rest = np.maximum(wanted - power.sum(axis=0), 0.0)
+        power = power + room * np.minimum(1.0, rest / np.maximum(room.sum(axis=0), 1e-12))
+        shares = np.asarray(np.copysign(power, demand))
+        shares[:, 0] = request_kw
+        return shares
+
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore the result of :meth:`state_dict`."""
         super().load_state_dict(state_dict)
         self._policy.load_state_dict(self._after)
         if self.current is not None:
             self._asked = (self.current.slot, self.current.demand_kw, self.current.limit_kw)
+
+    def _limit_ahead_kw(self, slot: int, limit_kw: Array, n_steps: int) -> Array:
+        """Expected power of each string in the steps from ``slot`` on, ``(n_strings, n_steps)``."""
+        grid = TimeGrid(round(slot * self.step_s), round(self.step_s), n_steps)
+        announced_kw = limits_of(self._events, self._system, grid)
+        # A limit that was not announced is expected to last.
+        unannounced_kw = np.where(limit_kw < announced_kw[0], limit_kw, np.inf)
+        return np.minimum(announced_kw, unannounced_kw).T
 
     def _is_due(self, now_s: float, forecast_kw: Array, limit_kw: Array) -> bool:
         if self._asked is None or self.slot(now_s) != self._asked[0]:
@@ -238,7 +262,7 @@ class CarriedPlan(Checkpointed):
         )
 
     def _make(self, slot: int, gone: int, state: State, forecast_kw: Array, limit_kw: Array) -> ActivePlan:
-        limit_ahead = self.limit_ahead_kw(slot, limit_kw, self.n_steps)
+        limit_ahead = self._limit_ahead_kw(slot, limit_kw, self.n_steps)
         total = limit_ahead.sum(axis=0)
         served = np.clip(forecast_kw, -total, total)
         ambient = np.full(self.n_steps, self._system.reference_temperature_c)
@@ -273,32 +297,3 @@ def preferences(planned_kw: Array | None, curves: Curves, discharge: bool) -> Ar
     if (float(planned_kw.sum()) > 0.0) != discharge:
         price = -price  # a string preferred in one direction is to be spared in the other
     return np.where(power > 0.0, price, NOT_PLANNED)
-
-
-def ahead(
-    plan: CarriedPlan,
-    request_kw: Array,
-    forecast_kw: Sequence[float] | Array | None,
-    now_s: float,
-    limit_kw: Array,
-) -> Array:
-    """Present set-points, then shares of the forecast like those of the plan, ``(n_strings, n_steps)``."""
-    if forecast_kw is None or len(forecast_kw) < 2:
-        return request_kw[:, None]
-    demand = np.asarray(forecast_kw, dtype=np.float64)
-    most = plan.limit_ahead_kw(plan.slot(now_s), limit_kw, demand.size)
-    planned = np.zeros((request_kw.size, demand.size))
-    known = plan.from_now(now_s)
-    if known is not None:
-        known = np.abs(known[:, : demand.size])
-        planned[:, : known.shape[1]] = np.minimum(known, most[:, : known.shape[1]])
-    wanted = np.abs(demand)
-    power = np.where(planned.any(axis=0), planned, most)
-    power = power * np.minimum(1.0, wanted / np.maximum(power.sum(axis=0), 1e-12))
-    # Demand above the plan is shared by headroom.
-    room = most - power
-    rest = np.maximum(wanted - power.sum(axis=0), 0.0)
-    power = power + room * np.minimum(1.0, rest / np.maximum(room.sum(axis=0), 1e-12))
-    shares = np.asarray(np.copysign(power, demand))
-    shares[:, 0] = request_kw
-    return shares
