@@ -3,7 +3,6 @@
 import json
 import logging
 import re
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,7 @@ import pytest
 
 pytest.importorskip("fastapi")
 
-with warnings.catch_warnings():  # it prefers a successor of httpx
-    warnings.simplefilter("ignore")
-    from fastapi.testclient import TestClient
+from http_cases import TestClient
 
 from bess.checkpoints import to_json
 from bess.edge.serve.app import build_app

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,7 @@ import pytest
 
 pytest.importorskip("fastapi")
 
-with warnings.catch_warnings():  # it prefers a successor of httpx
-    warnings.simplefilter("ignore")
-    from fastapi.testclient import TestClient
+from http_cases import BEARER, TOKEN, TestClient
 
 from bess.cli import main
 from bess.edge.serve.app import build_app
@@ -23,8 +20,6 @@ from bess.edge.serve.service import Service
 from bess.errors import InputError
 from bess.study import load_study
 
-TOKEN = "0123456789abcdef0123456789abcdef"
-BEARER = {"Authorization": f"Bearer {TOKEN}"}
 STRING = {"soc": 0.5, "temperature_c": 25.0}
 GOOD = {"demand_kw": 78.0, "strings": [STRING, STRING]}
 POSTS = ("/v1/split", "/v1/demand", "/v1/calibration", "/v1/openems-solver", "/v1/nothing")

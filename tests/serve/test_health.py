@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,17 +11,12 @@ import pytest
 
 pytest.importorskip("fastapi")
 
-with warnings.catch_warnings():  # it prefers a successor of httpx
-    warnings.simplefilter("ignore")
-    from fastapi.testclient import TestClient
-
+from http_cases import BEARER, TOKEN, TestClient
 from test_control_loop import Driven
 
 from bess.edge.plant_io import LinkError
 from bess.edge.serve.app import build_app
 
-TOKEN = "0123456789abcdef0123456789abcdef"
-BEARER = {"Authorization": f"Bearer {TOKEN}"}
 ADDRESS = "openems at http://10.1.2.3:8084"
 
 

@@ -25,9 +25,9 @@ pytestmark = pytest.mark.process
 BODY = {"demand_kw": 100.0, "strings": [{"soc": 0.6}, {"soc": 0.5}]}
 
 
-def call(server: Server, path: str, body: object = None) -> dict:  # type: ignore[type-arg]
+def call(port: int, path: str, body: object = None) -> dict:  # type: ignore[type-arg]
     data = None if body is None else json.dumps(body).encode()
-    url, headers = f"http://127.0.0.1:{server.port}{path}", {"Content-Type": "application/json"}
+    url, headers = f"http://127.0.0.1:{port}{path}", {"Content-Type": "application/json"}
     with urllib.request.urlopen(urllib.request.Request(url, data, headers), timeout=10.0) as answer:
         return json.load(answer)  # type: ignore[no-any-return]
 
@@ -56,7 +56,9 @@ def test_a_service_that_is_killed_continues_with_its_plan_and_its_counters(
             asked = int(rng.integers(1, 6))
             # The first plan is made beside the answers, and is kept with the next of them.
             while asked > 0 or not (tmp_path / "state" / "plan.json").exists():
-                answer = call(server, "/v1/split", {**BODY, "demand_kw": float(rng.uniform(-150.0, 150.0))})
+                answer = call(
+                    server.port, "/v1/split", {**BODY, "demand_kw": float(rng.uniform(-150.0, 150.0))}
+                )
                 assert not answer["fallback"]
                 answered += 1
                 assert answered < 20_000, "no plan came"
@@ -64,11 +66,13 @@ def test_a_service_that_is_killed_continues_with_its_plan_and_its_counters(
             plan = json.loads((tmp_path / "state" / "plan.json").read_bytes().split(b"\n")[1])
             server.kill()
             server = Server(tmp_path, 2)
-            health = call(server, "/v1/health")
+            health = call(server.port, "/v1/health")
             assert health["answers"] == answered
             assert health["planned"]
             assert "cannot be used" not in (tmp_path / "log").read_text()
-        call(server, "/v1/split", {**BODY, "demand_kw": answer["request_kw"][0] + answer["request_kw"][1]})
+        call(
+            server.port, "/v1/split", {**BODY, "demand_kw": answer["request_kw"][0] + answer["request_kw"][1]}
+        )
         after = json.loads((tmp_path / "state" / "plan.json").read_bytes().split(b"\n")[1])
     finally:
         server.kill()
@@ -114,15 +118,6 @@ def _serve(folder: Path, port: int, bytes_on_disk: int) -> subprocess.Popen[byte
     )
 
 
-def _call(port: int, path: str, body: object = None) -> dict:  # type: ignore[type-arg]
-    data = None if body is None else json.dumps(body).encode()
-    request = urllib.request.Request(
-        f"http://127.0.0.1:{port}{path}", data, {"Content-Type": "application/json"}
-    )
-    with urllib.request.urlopen(request, timeout=10.0) as answer:
-        return json.load(answer)  # type: ignore[no-any-return]
-
-
 def _until_up(process: subprocess.Popen[bytes], port: int) -> None:
     while True:
         assert process.poll() is None
@@ -144,24 +139,24 @@ def test_a_service_on_a_full_disk_starts_controls_says_so_and_saves_once_there_i
     if before == "after a run":
         process = _serve(folder, port, resource.RLIM_INFINITY)
         _until_up(process, port)
-        _call(port, "/v1/split", BODY)
+        call(port, "/v1/split", BODY)
         answers = 1
         process.kill()
         process.wait()
     process = _serve(folder, port, 0)
     try:
         _until_up(process, port)
-        assert _call(port, "/v1/health")["status"] != "ok"
+        assert call(port, "/v1/health")["status"] != "ok"
         for _ in range(3):
-            answer = _call(port, "/v1/split", BODY)
+            answer = call(port, "/v1/split", BODY)
             assert sum(answer["request_kw"]) == pytest.approx(100.0)
             assert not answer["fallback"]
-        health = _call(port, "/v1/health")
+        health = call(port, "/v1/health")
         assert health["status"] != "ok"
         assert health["answers"] == answers + 3
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-        _call(port, "/v1/split", BODY)
-        assert _call(port, "/v1/health")["status"] == "ok"
+        call(port, "/v1/split", BODY)
+        assert call(port, "/v1/health")["status"] == "ok"
     finally:
         process.kill()
         process.wait()
@@ -177,7 +172,7 @@ def test_a_service_whose_log_nobody_reads_goes_on_and_ends_when_told(tmp_path: P
     try:
         _until_up(process, port)
         for _ in range(600):  # a pipe holds 64 KiB, a line has some 200 bytes
-            assert not _call(port, "/v1/split", BODY)["fallback"]
+            assert not call(port, "/v1/split", BODY)["fallback"]
         process.send_signal(signal.SIGTERM)
         assert process.wait(10.0) == 0
     finally:
