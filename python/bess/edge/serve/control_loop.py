@@ -230,7 +230,7 @@ class ControlLoop:
         return True
 
     def _refresh_in_s(self) -> float:
-        if self._shadow or self._written is None:
+        if self._written is None:
             return np.inf
         return max(0.05, self._written_at_s + self._link.refresh_s - self._monotonic())
 
@@ -261,7 +261,7 @@ class ControlLoop:
     def _release(self, sentence: str) -> None:
         """Release the plant to its own watchdog, once."""
         self._suspend(sentence)
-        if self._shadow or not self._holds:
+        if not self._holds:
             return
         self._holds = False
         try:
