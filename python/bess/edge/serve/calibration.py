@@ -22,7 +22,7 @@ from bess.edge.serve.measurement_validator import ValidState
 from bess.edge.serve.plan import Background
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
-from bess.system import State, System
+from bess.system import System
 
 QUARTER: Final = 0.25
 """Default power of a calibration, as a share of nominal power."""
@@ -213,7 +213,7 @@ def place(
                 acts = request_kw != 0.0
                 soc = np.where(acts, roll.soc[:, 0], state.soc)
                 temperature_c = np.where(acts, roll.temperature_c[:, 0], state.temperature_c)
-                state = State(soc, temperature_c, state.soh_capacity, state.soh_resistance)
+                state = replace(state, soc=soc, temperature_c=temperature_c)
             cost_kwh += SHORTFALL * undelivered_kw * dt_h
         return cost_kwh, full
 

@@ -199,15 +199,14 @@ class Service:
             self.history.add(plant, state.soc, answer.request_kw)
         self.told_ahead = request.forecast_kw is not None
         self.last = (now_s, request.demand_kw, answer)
-        if LOG.isEnabledFor(logging.INFO):
-            fields = {
-                "demand_kw": request.demand_kw,
-                "request_kw": answer.request_kw.tolist(),
-                "unmet_kw": answer.unmet_kw,
-                "fallback": answer.fallback,
-                "solve_time_s": round(answer.solve_time_s, 6),
-            }
-            LOG.info("answer", extra={"fields": fields})
+        fields = {
+            "demand_kw": request.demand_kw,
+            "request_kw": answer.request_kw.tolist(),
+            "unmet_kw": answer.unmet_kw,
+            "fallback": answer.fallback,
+            "solve_time_s": round(answer.solve_time_s, 6),
+        }
+        LOG.info("answer", extra={"fields": fields})
 
     def _foreseen(self, now_s: float) -> float:
         """Forecast of an hour ago for this step of the plan [kW]; NaN without one."""

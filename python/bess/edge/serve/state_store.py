@@ -63,10 +63,9 @@ class StateStore:
             state_dict = self._newest()
             if state_dict is None:
                 return f"no state in {self.folder}; a new one begins"
-            plan = self._read(self.folder / PLAN) if (self.folder / PLAN).exists() else None
             controller.load_state_dict(state_dict)
-            if plan is not None:
-                controller.plan.load_state_dict(plan)
+            if (self.folder / PLAN).exists():
+                controller.plan.load_state_dict(self._read(self.folder / PLAN))
         except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, BessError) as error:
             controller.load_state_dict(fresh[0])
             controller.plan.load_state_dict(fresh[1])
