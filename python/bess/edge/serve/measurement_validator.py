@@ -377,7 +377,7 @@ class _StringMonitor(Checkpointed):
 
     def _take_out(self, sentence: str, cap_kw: float) -> tuple[str, bool]:
         self.out_reason, self.out_s, self.cap_kw, self.off_target = sentence, 0.0, cap_kw, 0
-        return self._out_sentence(), cap_kw == 0.0
+        return self._finding()
 
     def _still_out(self, moves: bool, soc: float, elapsed_s: float) -> tuple[str, bool]:
         """Exclude the string until the next try; a frozen value that changes again is accepted at once."""
@@ -386,11 +386,11 @@ class _StringMonitor(Checkpointed):
             self._forgive()
             self.unchanged, self.moved, self.last_reading = 0, 0.0, soc
             return "", False
-        return self._out_sentence(), self.cap_kw == 0.0
+        return self._finding()
 
-    def _out_sentence(self) -> str:
+    def _finding(self) -> tuple[str, bool]:
         left_s = max(0.0, self.out_until_s - self.out_s)
-        return f"{self.out_reason}; tried again in {left_s:.0f} s"
+        return f"{self.out_reason}; tried again in {left_s:.0f} s", self.cap_kw == 0.0
 
 
 def _off(asked_kw: float, power_kw: float) -> str:
