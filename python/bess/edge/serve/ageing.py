@@ -8,8 +8,7 @@ assumed, because depths are known only at the end of a service. Resistance stays
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -37,7 +36,6 @@ class Ageing(Checkpointed):
         begin = system.initial_state()
         self._ages = np.array([string.wear.cell_model for string in system.strings], dtype=bool)
         self._begin = begin.soh_capacity
-        self.soh_capacity: Array = begin.soh_capacity
         self.soh_resistance: Array = begin.soh_resistance
         self._energy_kwh = system.nominal_energy_kwh
         self._core = _core.Ageing(system.core)
@@ -47,6 +45,12 @@ class Ageing(Checkpointed):
         self._at_begin = self._standing + self._cycling
         self._gathered_s = 0.0
         self._sums = np.zeros((3, system.n_strings))
+
+    @property
+    def soh_capacity(self) -> Array:
+        """Present capacity of each string relative to the system file."""
+        lost = self._standing + self._cycling - self._at_begin
+        return np.where(self._ages, np.maximum(self._begin - lost, LEAST), self._begin)
 
     def gather(self, state: State, power_kw: Array, elapsed_s: float, carried_s: float) -> None:
         """Add measurements of ``elapsed_s``; power flowed for ``carried_s`` of this time."""
@@ -59,11 +63,6 @@ class Ageing(Checkpointed):
         if self._gathered_s >= BLOCK_S:
             self._close_block()
 
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore the result of :meth:`state_dict`."""
-        super().load_state_dict(state_dict)
-        self._update()
-
     def _close_block(self) -> None:
         soc, temperature_c = (np.ascontiguousarray(row[:, None]) for row in self._sums[:2] / self._gathered_s)
         depth, c_rate = np.full_like(soc, DEPTH), np.full_like(soc, C_RATE)
@@ -74,8 +73,3 @@ class Ageing(Checkpointed):
             self._standing = self._standing + day * (self._gathered_s / steps) / 86_400.0
         self._cycling = self._cycling + cycle * self._sums[2]
         self._gathered_s, self._sums = 0.0, np.zeros_like(self._sums)
-        self._update()
-
-    def _update(self) -> None:
-        lost = self._standing + self._cycling - self._at_begin
-        self.soh_capacity = np.where(self._ages, np.maximum(self._begin - lost, LEAST), self._begin)
