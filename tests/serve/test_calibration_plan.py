@@ -83,9 +83,9 @@ def test_after_a_search_that_fails_the_next_step_of_the_plan_begins_another(
     plans.full_s = np.zeros(2)
 
     def searched(at_s: float) -> None:
-        plans.update(at_s, valid, np.zeros(96), 900.0)
+        plans.update(at_s, valid, np.zeros(96))
         while plans.search.is_busy:
-            plans.update(at_s, valid, np.zeros(96), 900.0)
+            plans.update(at_s, valid, np.zeros(96))
 
     monkeypatch.setattr(calibration, "place", fails)
     searched(2.0 * DAY_S)

@@ -63,8 +63,9 @@ class Calibration(Checkpointed):
         self._power_kw = QUARTER * system.nominal_kw
         if service.calibration_kw is not None:
             self._power_kw = np.minimum(service.calibration_kw, system.nominal_kw)
-        self._period_s = None if service.calibration_days is None else _DAY_S * service.calibration_days
-        if self._period_s is not None and system.n_strings == 1:
+        self._plan_s = 60.0 * system.control.step_min
+        self._period_s = np.inf if service.calibration_days is None else _DAY_S * service.calibration_days
+        if self._period_s < np.inf and system.n_strings == 1:
             raise InputError("service.calibration_days: there is no other string to carry the load")
         self.string: int | None = None
         self.target_soc = 1.0
@@ -76,7 +77,7 @@ class Calibration(Checkpointed):
 
     def due_s(self) -> Array | None:
         """Time when each string must be full again; None without a period."""
-        return None if self._period_s is None else self.full_s + self._period_s
+        return self.full_s + self._period_s if self._period_s < np.inf else None
 
     def begin(self, string: int, target_soc: float = 1.0) -> None:
         """Charge a string to a SOC while the others supply the load."""
@@ -92,14 +93,14 @@ class Calibration(Checkpointed):
             raise InputError("calibration: there is no other string to carry the load")
         self.string, self.target_soc = string, target_soc
 
-    def update(self, now_s: float, valid: ValidState, day_kw: Array, plan_s: float) -> None:
+    def update(self, now_s: float, valid: ValidState, day_kw: Array) -> None:
         """End a complete calibration, begin one that is planned for now, or plan the next.
 
-        ``day_kw`` is the demand of the next day in steps of the plan, of ``plan_s`` each.
+        ``day_kw`` is the demand of the next day in steps of the plan.
         """
         if self.is_done(valid):
             self.string = None
-        if self._period_s is None:
+        if self._period_s == np.inf:
             return
         n = self._system.n_strings
         spread_s = self._period_s * (np.arange(1, n + 1) / n - 1.0)
@@ -119,9 +120,9 @@ class Calibration(Checkpointed):
                     self.string, self.target_soc = string, float(self._limits.full[string])
         elif self._searched is not None and (found := self.search.collect()) is not None:
             string, began_s = self._searched
-            self.planned = [string, began_s + found[0] * plan_s, found[1]]
+            self.planned = [string, began_s + found[0] * self._plan_s, found[1]]
         elif not self.search.is_busy:
-            self._look_ahead(now_s, valid, day_kw, plan_s, self._period_s)
+            self._look_ahead(now_s, valid, day_kw)
 
     def is_done(self, valid: ValidState) -> bool:
         """Whether the string in calibration is full by both of its possible values."""
@@ -150,21 +151,19 @@ class Calibration(Checkpointed):
         request[i] = -can_kw if can_kw >= self._limits.minimum_kw[i] else 0.0
         return request, others
 
-    def _look_ahead(
-        self, now_s: float, valid: ValidState, day_kw: Array, plan_s: float, period_s: float
-    ) -> None:
+    def _look_ahead(self, now_s: float, valid: ValidState, day_kw: Array) -> None:
         """Begin the search for a time if a string is due within the day; once in a step of the plan."""
-        due_s = np.where(valid.in_service, self.full_s + period_s, np.inf)
+        due_s = np.where(valid.in_service, self.full_s + self._period_s, np.inf)
         i = int(np.argmin(due_s))
         missing_kwh = (self._limits.full[i] - valid.soc_low[i]) * valid.energy_kwh[i]
-        ahead_s = max(min(_DAY_S, period_s / 2.0), 3600.0 * SLACK * missing_kwh / self._power_kw[i])
+        ahead_s = max(min(_DAY_S, self._period_s / 2.0), 3600.0 * SLACK * missing_kwh / self._power_kw[i])
         if now_s < due_s[i] - ahead_s:
             return
-        searched, self._searched = self._searched, (i, now_s // plan_s * plan_s)
+        searched, self._searched = self._searched, (i, now_s // self._plan_s * self._plan_s)
         if searched == self._searched:
             return
-        left = int((due_s[i] - now_s) // plan_s)
-        task = (self._system, self._service, valid, day_kw, plan_s / 3600.0, i, left)
+        left = int((due_s[i] - now_s) // self._plan_s)
+        task = (self._system, self._service, valid, day_kw, self._plan_s / 3600.0, i, left)
         self.search.begin(place, *task)
 
 

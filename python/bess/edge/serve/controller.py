@@ -144,7 +144,7 @@ class Controller(Checkpointed):
         self.plan.update(now_s, valid.state, forecast, valid.limit_kw, wait_s=wait_s)
 
         able = self.soc_limits.able(valid)
-        self.calibration.update(now_s, valid, self._forecast.day(slot, forecast_kw), self.plan.step_s)
+        self.calibration.update(now_s, valid, self._forecast.day(slot, forecast_kw))
         # Strings out of service that still give power contribute to the demand.
         asked_kw = demand_kw - float(valid.flowing_kw.sum())
         request, sharing = self.calibration.request(valid, able, asked_kw, self.step_s / 3600.0)
