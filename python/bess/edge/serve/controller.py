@@ -82,17 +82,17 @@ class Controller(Checkpointed):
         background: bool = True,
     ) -> None:
         n = self.n_strings = system.n_strings
-        plan_s = system.control.step_min * 60.0
         self.system, self.service = system, service
+        # One thread for plans, one for calibrations.
+        self._pool = ThreadPoolExecutor(2, "planning") if background else None
+        self.plan = CarriedPlan(system, policy, plan_steps, self._pool, events)
+        plan_s = self.plan.step_s
         self.step_s = plan_s if service.control_step_s is None else service.control_step_s
         if self.step_s > plan_s:
             raise InputError(
                 f"service.control_step_s = {self.step_s:g} s: must not exceed the plan's step, {plan_s:g} s"
             )
         self.soc_limits = SocLimits(system, service, self.step_s)
-        # One thread for plans, one for calibrations.
-        self._pool = ThreadPoolExecutor(2, "planning") if background else None
-        self.plan = CarriedPlan(system, policy, plan_s, plan_steps, self._pool, events)
         self._near_s = 0.0
         self._forecast = DemandForecast(self.step_s, plan_s, plan_steps)
         self.ageing = Ageing(system)

@@ -161,13 +161,12 @@ class CarriedPlan(Checkpointed):
         self,
         system: System,
         policy: Policy,
-        step_s: float,
         n_steps: int,
         pool: ThreadPoolExecutor | None,
         events: tuple[Event, ...] = (),
     ) -> None:
         self._system, self._policy, self._events = system, policy, events
-        self.step_s, self.n_steps = step_s, n_steps
+        self.step_s, self.n_steps = 60.0 * system.control.step_min, n_steps
         self.making = Background[ActivePlan](pool, "the last plan")
         self._asked: tuple[int, Array, Array] | None = None
         self._asked_at_s = -np.inf
@@ -277,10 +276,8 @@ class CarriedPlan(Checkpointed):
         self._after = self._policy.state_dict()
         plan_kw = decision.request_kw[:, None] if decision.plan_kw is None else decision.plan_kw
         request = np.array(plan_kw, dtype=np.float64)
-        gap = float(decision.solver.gap)
-        return ActivePlan(
-            slot, request, served[: request.shape[1]], limit_kw, gap if np.isfinite(gap) else None
-        )
+        gap = float(decision.solver.gap) if np.isfinite(decision.solver.gap) else None
+        return ActivePlan(slot, request, served[: request.shape[1]], limit_kw, gap)
 
 
 def preferences(planned_kw: Array | None, curves: Curves, discharge: bool) -> Array:
