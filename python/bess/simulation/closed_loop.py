@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bess.arrays import Array, Flags, real_numbers
 from bess.control.policies import NO_OPTIMISATION, Decision, Policy, PolicyInput, SolverReport
@@ -18,7 +17,7 @@ from bess.errors import BessError, InputError
 from bess.plant import Flows, Plant, PlantSnapshot
 from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import FLOWS, OPTIONAL_FLOWS
-from bess.simulation.record.store import Record
+from bess.simulation.record.store import Record, joined
 from bess.study.demands.source import StepInputs
 
 SKIPPED_STEPS = 12
@@ -27,20 +26,9 @@ _TOLERANCE = 1e-9
 """Relative tolerance between the sum of set-points and the demand, for rounding only."""
 
 
-@dataclass(frozen=True)
-class _PassedSteps:
-    """Consecutive steps that ran together, with the capacities before; steps are the first axis of arrays."""
-
-    demand_kw: Array
-    served_kw: Array
-    request_kw: Array
-    flows: Flows
-    soh_capacity: Array
-    planned: list[dict[str, float]]
-    in_service: NDArray[np.bool_]
-    solver: SolverReport
-    reactive_demand_kvar: Any = None
-    investment_eur: Any = None
+_Passed = tuple[Record, list[dict[str, Any]]]
+"""Variables of the dataset for consecutive steps, and log lines: one for each step with a solve or with
+undelivered energy."""
 
 
 class ClosedLoop:
@@ -88,26 +76,16 @@ class ClosedLoop:
         self.step = 0
         self.policy_s = self.plant_s = 0.0
 
-    def advance_part(
-        self, most: int, is_over: Callable[[int], bool] = lambda step: False
-    ) -> tuple[Record, list[dict[str, Any]]]:
-        """Run up to ``most`` control steps, at least one, until ``is_over(step)``.
-
-        Returns
-        -------
-        record : dict of arrays
-            Variables of the dataset for these steps.
-        log : list of dict
-            Log lines: one for each step with a solve or with undelivered energy.
-        """
+    def advance_part(self, most: int, is_over: Callable[[int], bool] = lambda step: False) -> _Passed:
+        """Run up to ``most`` control steps, at least one, until ``is_over(step)``; return record and log."""
         last = min(self.step + most, self.inputs.grid.n_steps)
         in_blocks = self.in_blocks
-        passed: list[_PassedSteps] = []
+        passed: list[_Passed] = []
         while not passed or not (is_over(self.step) or self.step == last):
             passed.append(self._pass_block(last - self.step) if in_blocks else self._pass_step())
-        return self._recorded(passed)
+        return joined([record for record, _ in passed]), [line for _, log in passed for line in log]
 
-    def _pass_step(self, known_kw: tuple[Array, Array] | None = None) -> _PassedSteps:
+    def _pass_step(self, known_kw: tuple[Array, Array] | None = None) -> _Passed:
         """Run one control step; demand with forecast, and both as served, are read here if not given."""
         step, inputs = self.step, self.inputs
         investment_eur = inputs.installations.install(step, self._plant)
@@ -149,14 +127,14 @@ class ClosedLoop:
         self.plant_s += time.perf_counter() - decided
         inputs.installations.count_ended(in_service, flows.soh_capacity[0])
         return self._passed(
+            flows,
             demand_kw=ahead_kw[:1],
             served_kw=served_kw[:1],
             request_kw=request_kw[None],
-            flows=flows,
             soh_capacity=state.soh_capacity,
             in_service=in_service,
             solver=decision.solver,
-            reactive_demand_kvar=None if asked_kvar is None else asked_kvar[:1],
+            asked_kvar=asked_kvar,
             investment_eur=investment_eur,
         )
 
@@ -171,7 +149,7 @@ class ClosedLoop:
             and "node_temperature_c" not in self._flows
         )
 
-    def _pass_block(self, most: int) -> _PassedSteps:
+    def _pass_block(self, most: int) -> _Passed:
         """Run up to ``most`` control steps in one call of the core; only where :attr:`in_blocks`.
 
         A policy without controller decides step by step; steps that it skips run together.
@@ -213,72 +191,77 @@ class ClosedLoop:
         if (missed_kw > self._slack_kw(limit_kw.sum(axis=1))).any():
             raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
         return self._passed(
+            flows,
             demand_kw=self._ahead_kw[:n_steps, 0],
             served_kw=served_kw[:, 0],
             request_kw=request_kw,
-            flows=flows,
             soh_capacity=self._soh_capacity,
             in_service=inputs.installations.in_service(first),
             solver=SolverReport(),
         )
 
-    def _passed(self, *, flows: Flows, **values: Any) -> _PassedSteps:
-        """Pass the steps of ``flows``, with these values; the demand measures the starts of later steps."""
-        steps = range(self.step, self.step + len(flows.soc))
-        planned = [self.inputs.demand.planned(step) for step in steps]
-        self.step, self._delivered_kw = steps.stop, float(flows.delivered_kw[-1].sum())
-        self._ahead_kw, self._served_kw = self._ahead_kw[len(steps) :], self._served_kw[len(steps) :]
-        self._soh_capacity = flows.soh_capacity[-1]
-        measured = steps if len(self._ahead_kw) else steps[:-1]
-        for step, soc, soh_capacity in zip(measured, flows.soc, flows.soh_capacity, strict=False):
-            self.inputs.demand.measured(step + 1, soc, soh_capacity)
-        return _PassedSteps(flows=flows, planned=planned, **values)
+    def _passed(
+        self,
+        flows: Flows,
+        *,
+        demand_kw: Array,
+        served_kw: Array,
+        request_kw: Array,
+        soh_capacity: Array,
+        in_service: Flags,
+        solver: SolverReport,
+        asked_kvar: Array | None = None,
+        investment_eur: Array | None = None,
+    ) -> _Passed:
+        """Record the steps of ``flows`` and pass them; the demand measures the starts of later steps.
 
-    def _recorded(self, passed: list[_PassedSteps]) -> tuple[Record, list[dict[str, Any]]]:
-        """Record and log of the last steps."""
-        inputs = self.inputs
-        of_step = [each for each in passed for _ in each.planned]
-        steps = slice(self.step - len(of_step), self.step)
-        demand_kw = np.concatenate([each.demand_kw for each in passed])
+        ``soh_capacity`` are the capacities before, ``asked_kvar`` and ``investment_eur`` of a single step.
+        """
+        inputs, n_steps = self.inputs, len(flows.soc)
+        steps = range(self.step, self.step + n_steps)
+        here = slice(steps.start, steps.stop)
         record: Record = {
             "demand_kw": demand_kw,
-            "unmet_kw": np.abs(demand_kw - np.concatenate([each.served_kw for each in passed])),
-            "ambient_c": inputs.ambient_c[steps],
-            "request_kw": np.concatenate([each.request_kw for each in passed]),
-            "solver_status": np.array([each.solver.status for each in of_step]),
-            "solver_gap": np.array([each.solver.gap for each in of_step]),
-            "solver_search_gap": np.array([each.solver.search_gap for each in of_step]),
-            "solver_nodes": np.array([each.solver.nodes for each in of_step]),
-            "fallback": np.array([int(each.solver.fallback) for each in of_step]),
+            "unmet_kw": np.abs(demand_kw - served_kw),
+            "ambient_c": inputs.ambient_c[here],
+            "request_kw": request_kw,
+            "solver_status": np.full(n_steps, solver.status),
+            "solver_gap": np.full(n_steps, solver.gap),
+            "solver_search_gap": np.full(n_steps, solver.search_gap),
+            "solver_nodes": np.full(n_steps, solver.nodes),
+            "fallback": np.full(n_steps, int(solver.fallback)),
         }
         if inputs.price_eur_mwh is not None:
-            record["price_eur_mwh"] = inputs.price_eur_mwh[steps]
-        if inputs.reactive is not None:
-            record["reactive_demand_kvar"] = np.concatenate([each.reactive_demand_kvar for each in passed])
-        planned = [row for each in passed for row in each.planned]
+            record["price_eur_mwh"] = inputs.price_eur_mwh[here]
+        if asked_kvar is not None:
+            record["reactive_demand_kvar"] = asked_kvar[:1]
+        planned = [inputs.demand.planned(step) for step in steps]
         record |= {name: np.array([row[name] for row in planned]) for name in planned[0]}
-        record |= {name: values[steps] for name, values in inputs.series.items()}
-        for name in self._flows:
-            record[name] = np.concatenate([getattr(each.flows, name) for each in passed])
-        in_service = np.array([each.in_service for each in of_step])
-        discharged_kwh = np.maximum(record["delivered_kw"], 0.0) * inputs.grid.dt_h
-        after = np.concatenate([each.flows.soh_capacity for each in passed])
-        before = np.concatenate([[each.soh_capacity, *each.flows.soh_capacity[:-1]] for each in passed])
+        record |= {name: values[here] for name, values in inputs.series.items()}
+        record |= {name: getattr(flows, name) for name in self._flows}
+        after = flows.soh_capacity
+        before = np.concatenate([soh_capacity[None], after[:-1]])
         lost = np.where(in_service, before - after, 0.0)
+        discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
         record["wear_eur"] = self._prices.cost_eur(lost, discharged_kwh)
         if self._ages:
             limit = self._prices.end_of_life
-            reached = in_service & (before > limit) & (after <= limit)
-            record["end_of_life"] = reached.astype(np.int32)
-        if inputs.installations.any:
-            record["investment_eur"] = np.array([each.investment_eur for each in passed])
-        return record, list(self._logged([each.solver for each in of_step], record["unmet_kw"]))
+            record["end_of_life"] = (in_service & (before > limit) & (after <= limit)).astype(np.int32)
+        if investment_eur is not None and inputs.installations.any:
+            record["investment_eur"] = investment_eur[None]
+        log = list(self._logged(solver, record["unmet_kw"]))
+        self.step, self._delivered_kw = steps.stop, float(flows.delivered_kw[-1].sum())
+        self._ahead_kw, self._served_kw = self._ahead_kw[n_steps:], self._served_kw[n_steps:]
+        self._soh_capacity = after[-1]
+        measured = steps if len(self._ahead_kw) else steps[:-1]
+        for step, soc, capacity in zip(measured, flows.soc, after, strict=False):
+            inputs.demand.measured(step + 1, soc, capacity)
+        return record, log
 
-    def _logged(self, solvers: list[SolverReport], unmet_kw: Array) -> Iterator[dict[str, Any]]:
-        """Log lines of the last steps."""
-        first = self.step - len(solvers)
-        for step, (solver, lacking_kw) in enumerate(zip(solvers, unmet_kw.tolist(), strict=True), first):
-            solved = solver.status != NO_OPTIMISATION or solver.solve_time_s > 0.0 or solver.fallback
+    def _logged(self, solver: SolverReport, unmet_kw: Array) -> Iterator[dict[str, Any]]:
+        """Log lines of the next steps."""
+        solved = solver.status != NO_OPTIMISATION or solver.solve_time_s > 0.0 or solver.fallback
+        for step, lacking_kw in enumerate(unmet_kw.tolist(), self.step):
             if not (solved or lacking_kw > 0.0):
                 continue
             start = np.datetime64(self.inputs.grid.start_s + step * self.inputs.grid.step_s, "s")
