@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from bess.arrays import Array, Flags, real_numbers
 from bess.control.policies import NO_OPTIMISATION, Decision, Policy, PolicyInput, SolverReport
@@ -91,12 +90,14 @@ class ClosedLoop:
         investment_eur = inputs.installations.install(step, self._plant)
         in_service = inputs.installations.in_service(step)
         state = self._plant.state
-        limit_kw = np.where(in_service, inputs.limit_kw[step], 0.0)
-        total_kw = float(limit_kw.sum())
+        announced_kw = _ahead(inputs.announced_kw, step, inputs.horizon_steps)
+        # What is not announced is expected to last.
+        limit_ahead_kw = np.minimum(announced_kw, np.where(in_service, inputs.unannounced_kw[step], 0.0)).T
+        limit_kw = limit_ahead_kw[:, 0]
         if known_kw is None:
             now = StepInputs(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
             ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
-            served_kw = self._served(ahead_kw, total_kw)
+            served_kw = self._served(ahead_kw, limit_kw)
         else:
             ahead_kw, served_kw = known_kw
         asked_kvar = None if inputs.reactive is None else inputs.reactive(step, served_kw)
@@ -109,11 +110,10 @@ class ClosedLoop:
             price_eur_mwh=None if price is None else _ahead(price, step, inputs.horizon_steps),
             demand_depends_on_soc=inputs.demand.demand_depends_on_soc,
             reactive_kvar=asked_kvar,
-            limit_ahead_kw=self._limit_ahead_kw(in_service),
+            limit_ahead_kw=limit_ahead_kw,
         )
         began = time.perf_counter()
-        decision = self._decide(policy_input, total_kw)
-        request_kw = self._set_points(policy_input, decision)
+        decision, request_kw = self._decide(policy_input)
         decided = time.perf_counter()
         shares_kvar = self._reactive(policy_input, decision, request_kw)
         flows = self._plant.run(
@@ -162,7 +162,7 @@ class ClosedLoop:
             changes = np.append((limits_kw != limits_kw[0]).any(axis=1), True)
             now = StepInputs(state, limits_kw[0], self._surroundings_c[first:], self._delivered_kw)
             self._ahead_kw = inputs.demand.block(first, int(np.argmax(changes)), inputs.horizon_steps, now)
-            self._served_kw = self._served(self._ahead_kw, float(limits_kw[0].sum()))
+            self._served_kw = self._served(self._ahead_kw, limits_kw[0])
             self._soh_capacity = state.soh_capacity
         n_steps = min(len(self._ahead_kw), most if controller is not None else self._skipped_steps)
         limit_kw, served_kw = inputs.limit_kw[first : first + n_steps], self._served_kw[:n_steps]
@@ -188,7 +188,7 @@ class ClosedLoop:
                 raise InputError(f"{self._place}: {error}") from error
         self.plant_s += time.perf_counter() - began
         missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
-        if (missed_kw > self._slack_kw(limit_kw.sum(axis=1))).any():
+        if (missed_kw > self._slack_kw(limit_kw)).any():
             raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
         return self._passed(
             flows,
@@ -298,7 +298,9 @@ class ClosedLoop:
         self._delivered_kw = checkpoint["delivered_kw"]
         self._ahead_kw = self._ahead_kw[:0]
 
-    def _decide(self, policy_input: PolicyInput, total_kw: float) -> Decision:
+    def _decide(self, policy_input: PolicyInput) -> tuple[Decision, Array]:
+        """Return a checked decision and its set-points, set to 0 below the minimum inverter power."""
+        limit_kw, system = policy_input.limit_kw, self.inputs.system
         try:
             decision = self.policy(policy_input)
             request_kw = real_numbers(decision.request_kw)
@@ -306,55 +308,41 @@ class ClosedLoop:
             kind = "" if isinstance(error, BessError) else f"{type(error).__name__}: "
             raised = InputError if isinstance(error, InputError) else BessError
             raise raised(f"{self._place}: {kind}{error}") from error
-        if request_kw.shape != policy_input.limit_kw.shape:
+        if request_kw.shape != limit_kw.shape:
             raise BessError(
                 f"{self._place}: returned set-points of shape {request_kw.shape}, needs "
-                f"{policy_input.limit_kw.shape}, one for each string"
+                f"{limit_kw.shape}, one for each string"
             )
         demand_kw = policy_input.demand_kw[0]
-        slack_kw = float(self._slack_kw(total_kw))
         # Written so that NaN fails as well.
-        held = np.abs(request_kw) <= policy_input.limit_kw + _rounding_kw(total_kw)
-        if not (held.all() and abs(request_kw.sum() - demand_kw) <= slack_kw):
+        held = np.abs(request_kw) <= limit_kw + _rounding_kw(limit_kw)
+        if not (held.all() and abs(request_kw.sum() - demand_kw) <= self._slack_kw(limit_kw)):
             raise BessError(
                 f"{self._place}: the policy requested {_listed(request_kw)} kW for {demand_kw:g} kW "
-                f"within {_listed(policy_input.limit_kw)} kW; this is an error of the policy"
+                f"within {_listed(limit_kw)} kW; this is an error of the policy"
             )
-        return decision
-
-    def _set_points(self, policy_input: PolicyInput, decision: Decision) -> Array:
-        """Return the decision with set-points below the minimum inverter power set to 0."""
-        request_kw, limit_kw = real_numbers(decision.request_kw), policy_input.limit_kw
-        system = self.inputs.system
         if not ((request_kw != 0.0) & (np.abs(request_kw) < system.min_power_kw)).any():
-            return request_kw
+            return decision, request_kw
         model = system.control_at(policy_input.state)
         charged_kw, discharged_kw = (
             model.set_points(np.maximum(sign * request_kw, 0.0), limit_kw) for sign in (-1.0, 1.0)
         )
-        return np.asarray(discharged_kw - charged_kw)
+        return decision, discharged_kw - charged_kw
 
-    def _limit_ahead_kw(self, in_service: Flags) -> Array:
-        """Expected limits ``(n_strings, horizon_steps)``: what is not announced is expected to last."""
-        inputs, step = self.inputs, self.step
-        announced_kw = _ahead(inputs.announced_kw, step, inputs.horizon_steps)
-        return np.minimum(announced_kw, np.where(in_service, inputs.unannounced_kw[step], 0.0)).T
-
-    def _served(self, demand_kw: Array, total_kw: float) -> Array:
+    def _served(self, demand_kw: Array, limit_kw: Array) -> Array:
         """Demand and forecasts ``(..., n_steps)``, limited to the power of the plant; 0 below its minimum.
 
         The demand of the step is limited to the power in service.
         """
-        plant_kw = self.inputs.system.nominal_kw.sum()
+        plant_kw, total_kw = self.inputs.system.nominal_kw.sum(), limit_kw.sum()
         served_kw = np.clip(demand_kw, -plant_kw, plant_kw)
         served_kw[..., 0] = np.clip(served_kw[..., 0], -total_kw, total_kw)
         served_kw[np.abs(served_kw) < self.inputs.system.min_power_kw.min()] = 0.0
         return served_kw
 
-    def _slack_kw(self, total_kw: ArrayLike) -> Array:
+    def _slack_kw(self, limit_kw: Array) -> Array:
         """Tolerance of the sum of set-points: rounding and the minimum powers of the inverters."""
-        min_kw = float(self.inputs.system.min_power_kw.sum())
-        return _rounding_kw(total_kw) + min_kw
+        return _rounding_kw(limit_kw) + self.inputs.system.min_power_kw.sum()
 
     def _reactive(self, policy_input: PolicyInput, decision: Decision, request_kw: Array) -> Array | None:
         """Reactive power of each string, allocated by the policy or, if it does not, in equal parts."""
@@ -386,9 +374,9 @@ class ClosedLoop:
         return f"policy {self._policy_name!r}, step {self.step}"
 
 
-def _rounding_kw(total_kw: ArrayLike) -> Array:
-    """Tolerance between two powers that should be equal [kW]."""
-    return np.asarray(_TOLERANCE * np.maximum(1.0, total_kw))
+def _rounding_kw(limit_kw: Array) -> Array:
+    """Tolerance between two powers of strings with these limits that should be equal [kW]."""
+    return np.asarray(_TOLERANCE * np.maximum(1.0, limit_kw.sum(axis=-1)))
 
 
 def _ahead(values: Array, step: int, n_steps: int) -> Array:
