@@ -17,7 +17,7 @@ from bess.control.policies import Policy, as_policy, build_policy
 from bess.control.policies.adapters import Function
 from bess.errors import BessError, InputError, StoppedEarly
 from bess.plant import Plant
-from bess.simulation.analysis.kpis import kpis, solve_time_kpis
+from bess.simulation.analysis.kpis import kpis
 from bess.simulation.closed_loop import ClosedLoop
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.progress import reporting, stop_requests
@@ -95,23 +95,16 @@ def run(
     loop = closed_loop(study, prepare(study, system), own)  # raises before a folder is created
     if out is not None:
         return _run_in(Path(out), study, loop, progress=progress, resume=resume)
+    # Parts go to a scratch folder, so that one of them is in memory at a time.
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
+        folder, frame = Path(scratch), _frame(study, loop)
         try:
-            return _run_in_memory(Path(scratch), study, loop, progress=progress)
+            dataset = _simulated(
+                folder, study, loop, lambda: dataset_of(frame, store.records(folder)), progress=progress
+            )
         except StoppedEarly:
             raise StoppedEarly(f"{study.name}: stopped; results not saved: no output folder (out)") from None
-
-
-def _run_in_memory(scratch: Path, study: Study, loop: ClosedLoop, *, progress: bool) -> Result:
-    """Simulate with parts in a scratch folder, one of which is in memory at a time."""
-    dataset = _simulated(
-        scratch,
-        study,
-        loop,
-        lambda: dataset_of(_frame(study, loop), store.records(scratch)),
-        progress=progress,
-    )
-    return _result(dataset, scratch, loop.inputs.system)
+        return _result(dataset, folder, None, loop.inputs.system)
 
 
 def _run_in(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool, resume: bool) -> Result:
@@ -142,7 +135,13 @@ def _simulated(
     made = record()
     ended = time.perf_counter()
     if progress:
-        print(_spent(study.name, loop, files_s + ended - simulated, ended - began), file=sys.stderr)
+        files_s += ended - simulated
+        other_s = ended - began - loop.policy_s - loop.plant_s - files_s
+        print(
+            f"{study.name}: {ended - began:.1f} s, of which policy {loop.policy_s:.1f} s, plant "
+            f"{loop.plant_s:.1f} s, files {files_s:.1f} s, demand and closed loop {other_s:.1f} s",
+            file=sys.stderr,
+        )
     return made
 
 
@@ -174,15 +173,6 @@ def closed_loop(study: Study, inputs: Inputs, own: Policy | None = None) -> Clos
     plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=study.run.derating_law)
     return ClosedLoop(
         inputs, policy, plant, node_temperatures=study.output.node_temperatures, policy_name=study.policy.name
-    )
-
-
-def _spent(name: str, loop: ClosedLoop, files_s: float, total_s: float) -> str:
-    """Where the time of a run went."""
-    other_s = total_s - loop.policy_s - loop.plant_s - files_s
-    return (
-        f"{name}: {total_s:.1f} s, of which policy {loop.policy_s:.1f} s, plant {loop.plant_s:.1f} s, "
-        f"files {files_s:.1f} s, demand and closed loop {other_s:.1f} s"
     )
 
 
@@ -244,13 +234,14 @@ def _assemble(directory: Path, identity: provenance.Identity) -> None:
 
 def _finish(directory: Path, system: System) -> Result:
     """Compute the KPIs from the record, then delete the parts; repeated after a crash in between."""
-    result = replace(_result(open_netcdf(directory / RESULTS), directory, system), directory=directory)
+    result = _result(open_netcdf(directory / RESULTS), directory, directory, system)
     files.write_checked(directory / "kpis.json", json.dumps(result.kpis, indent=1).encode())
     store.remove_parts(directory)
     return result
 
 
-def _result(dataset: xr.Dataset, directory: Path, system: System) -> Result:
-    """Result of a record, with the times of the log in a folder."""
-    times = np.array(list(store.solve_times_s(directory).values()), dtype=np.float64)
-    return Result(dataset, kpis(dataset) | solve_time_kpis(times), None, times, system)
+def _result(dataset: xr.Dataset, logged: Path, directory: Path | None, system: System) -> Result:
+    """Result of a record in ``directory``, with the times of the log in the folder ``logged``."""
+    times = np.array(list(store.solve_times_s(logged).values()), dtype=np.float64)
+    result = Result(dataset, {}, directory, times, system)
+    return replace(result, kpis=kpis(result))

@@ -66,13 +66,8 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     check_record(dataset, _NEEDED, "kpis")
     values = {name: float(value) for name, value in _figures(dataset)}
     values |= {name: float(value) for name, value in contract_kpis(dataset, values)}
-    times = getattr(result, "solve_time_s", None)
-    return values if times is None else values | solve_time_kpis(times)
-
-
-def solve_time_kpis(solve_time_s: Array) -> dict[str, float]:
-    """Median, 95th percentile and largest wall-clock time of a solve [s]."""
-    return {name: float(value) for name, value in _spread("solve_time_s", solve_time_s)}
+    times = _spread("solve_time_s", getattr(result, "solve_time_s", np.zeros(0)))
+    return values | {name: float(value) for name, value in times}
 
 
 def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
