@@ -7,7 +7,7 @@ range: a year of cycles as one line would be a solid block of colour."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from datetime import UTC
+from datetime import UTC, datetime
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
@@ -111,21 +111,22 @@ class TimeAxis:
         return (within - self._first) / np.timedelta64(3600, "s") if self._in_hours else within
 
 
+def events_of(study: Mapping[str, Any]) -> Iterator[tuple[datetime, datetime, str, Mapping[str, Any]]]:
+    """Start and end (UTC), effect on the string, and table of each event of a study, in its order."""
+    for event in study.get("event", ()):
+        start, end = (datetime.fromisoformat(str(event[key])).astimezone(UTC) for key in ("start", "end"))
+        limit_kw = float(event.get("limit_kw", 0.0))
+        yield start, end, f"limited to {limit_kw:g} kW" if limit_kw > 0.0 else "out of service", event
+
+
 def event_spans(dataset: xr.Dataset, time: TimeAxis) -> list[Span]:
     """Events of the study in a record, within its time span."""
     spans = []
-    for event in study_of(dataset).get("event", ()):
-        ends = [event[key].astimezone(UTC).replace(tzinfo=None) for key in ("start", "end")]
-        low, high = time.place(np.array(ends, dtype="datetime64[s]"))
+    for start, end, effect, event in events_of(study_of(dataset)):
+        low, high = time.place(np.array([each.replace(tzinfo=None) for each in (start, end)], "M8[s]"))
         if low < high:
-            spans.append(Span(low, high, f"string {event['string']} {limit_of(event)}"))
+            spans.append(Span(low, high, f"string {event['string']} {effect}"))
     return spans
-
-
-def limit_of(event: Mapping[str, Any]) -> str:
-    """Effect of an event on its string."""
-    limit_kw = float(event.get("limit_kw", 0.0))
-    return f"limited to {limit_kw:g} kW" if limit_kw > 0.0 else "out of service"
 
 
 POINTS_PER_SERIES: Final = 3000
@@ -241,5 +242,4 @@ def held(values: Values) -> Values:
 
 def pale(colour: str) -> str:
     """Mix a colour with white."""
-    red, green, blue = (_PALE + (1.0 - _PALE) * part for part in to_rgb(colour))
-    return to_hex((red, green, blue))
+    return to_hex(_PALE + (1.0 - _PALE) * np.array(to_rgb(colour)))

@@ -13,7 +13,7 @@ from bess.control.policies.planned import PLANNED
 from bess.control.policies.settings import DEFAULT_FORESIGHT_H
 from bess.errors import by_reason
 from bess.report.contents import MAX_COMPARED_RUNS
-from bess.report.data import limit_of, operation_of, step_h
+from bess.report.data import events_of, operation_of, step_h
 from bess.report.runs import Run
 from bess.simulation.analysis.catalogue import kpi, serving_most
 from bess.simulation.analysis.services import unprovable
@@ -270,13 +270,11 @@ def event_sentences(runs: Mapping[str, Run]) -> Iterator[str]:
 def _events(run: Run) -> Iterator[str]:
     """Events up to the end of the record, in order of their start."""
     end_of_record = run.dataset["time"].values[-1].astype("datetime64[s]").item().replace(tzinfo=UTC)
-    each = [(*(datetime.fromisoformat(str(event[key])) for key in ("start", "end")), event)
-            for event in run.study.get("event", ())]  # fmt: skip
-    for start, end, event in sorted(each, key=lambda one: one[:2]):
+    for start, end, effect, event in sorted(events_of(run.study), key=lambda one: one[:2]):
         if start <= end_of_record:
             known = ", as announced" if event.get("announced") and run.policy == "mpc" else ""
             yield (
-                f"String {event['string']} was {limit_of(event)} from {start:%Y-%m-%d %H:%M} to "
+                f"String {event['string']} was {effect} from {start:%Y-%m-%d %H:%M} to "
                 f"{end:%Y-%m-%d %H:%M} UTC{known}."
             )
 
