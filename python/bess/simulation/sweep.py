@@ -328,11 +328,18 @@ def run_sweep(
     outcomes: dict[str, Outcome] = {}
     try:
         max_runs = len(studies) + 2 * study.refinements
-        with workers_for(workers, scheduler) as client, _bar(max_runs, progress) as advance:
+        with (
+            workers_for(workers, scheduler) as client,
+            progress_bar("scenarios", max_runs, shown=progress) as (bar, task),
+        ):
             for left in _rounds(study, studies, outcomes):
                 for name, outcome in _outcomes(client, left, directory):
+                    known = {each.error for each in outcomes.values()}
                     outcomes[name] = outcome
-                    advance(name, outcome)
+                    bar.advance(task)
+                    if outcome.status == "failed" and outcome.error not in known:
+                        text = f"{name} failed: {outcome.error}"
+                        bar.console.print(text, markup=False, soft_wrap=True)
     except KeyboardInterrupt:
         raise StoppedEarly(
             f"{directory}: stopped with {len(outcomes)} of {len(studies)} scenarios finished; "
@@ -360,17 +367,3 @@ def _outcomes(client: Client, studies: Mapping[str, Study], directory: Path) -> 
             yield futures[future], outcome
     finally:
         client.cancel(list(futures))
-
-
-@contextmanager
-def _bar(total: int, visible: bool) -> Iterator[Any]:
-    shown: set[str] = set()
-    with progress_bar("scenarios", total, shown=visible) as (bar, task):
-
-        def advance(name: str, outcome: Outcome) -> None:
-            bar.advance(task)
-            if outcome.status == "failed" and outcome.error not in shown:
-                shown.add(outcome.error)
-                bar.console.print(f"{name} failed: {outcome.error}", markup=False, soft_wrap=True)
-
-        yield advance
