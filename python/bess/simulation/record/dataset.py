@@ -152,7 +152,7 @@ def dataset_of(frame: Mapping[str, Any], records: Iterator[tuple[int, Record]]) 
             arrays[name][first : first + len(values)] = values
     dataset = xr.Dataset(
         {name: (VARIABLES[name].dims, values, attrs[name]) for name, values in arrays.items()},
-        {"time": ("time", _start_s(frame).astype("M8[s]").astype("M8[ns]"), {"long_name": _TIME})},
+        {"time": ("time", _grid(frame).times.astype("M8[ns]"), {"long_name": _TIME})},
         _attrs_of_run(frame),
     )
     indices = {name: np.arange(size) for name, size in dataset.sizes.items() if name != "time"}
@@ -188,7 +188,7 @@ def write_netcdf(path: Path, frame: Mapping[str, Any], records: Iterator[tuple[i
         time = file.create_variable("time", ("time",), np.int64)
         time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
         time.attrs["long_name"] = _TIME
-        time[:] = _start_s(frame)
+        time[:] = _grid(frame).times.astype(np.int64)
         # Looked up once, because every look-up in the file reopens the variable.
         variables = {
             name: _create(file, name, values, n_steps, attrs[name]) for name, values in first_batch[1].items()
@@ -244,8 +244,8 @@ def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Map
     return created
 
 
-def _start_s(frame: Mapping[str, Any]) -> NDArray[np.int64]:
-    return np.asarray(frame["start_s"] + frame["step_s"] * np.arange(frame["n_steps"]), dtype=np.int64)
+def _grid(frame: Mapping[str, Any]) -> TimeGrid:
+    return TimeGrid(frame["start_s"], frame["step_s"], frame["n_steps"])
 
 
 def _index_of(dimension: str) -> str:
