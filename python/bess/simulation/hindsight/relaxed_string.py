@@ -203,10 +203,11 @@ def relaxed_string(
     ratio, ratio_against, root, conductance, max_loss, max_heat = map(np.array, coefficients)
 
     burnt_kw = inverter.nominal_kw * max(inverter.loss_charge)
-    everywhere = _between(tables, battery.soc_min, battery.soc_max)
-    worst_ohm = _ohm(battery, CHARGE, everywhere, warm_c, np.max).max() * soh_resistance
+    worst_ohm = _ohm(battery, CHARGE, _between(tables, *wide), warm_c, np.max).max() * soh_resistance
     derated_c = np.unique([reference_c, reference_c + hottest_k, *derating_c])
     derated_c = derated_c[(derated_c >= reference_c) & (derated_c <= reference_c + hottest_k)]
+    # `theta` exceeds the mean temperature by up to `cold_k`.
+    full, slope = lines_above(derated_c - reference_c, np.interp(derated_c, derating_c, factor))
     return RelaxedString(
         nominal_kw=inverter.nominal_kw,
         standby_kw=inverter.off_loss * inverter.nominal_kw,
@@ -219,9 +220,7 @@ def relaxed_string(
         loss=list(loss_lines),
         max_loss=max_loss,
         max_heat=max_heat,
-        derating=_colder(
-            lines_above(derated_c - reference_c, np.interp(derated_c, derating_c, factor)), cold_k
-        ),
+        derating=(full + np.maximum(-slope, 0.0) * cold_k, slope),
         hottest_k=hottest_k + cold_k,
         ages=string.wear.cell_model is not None,
         burnt_kw=(burnt_kw, 1e-3 * worst_ohm * (2e3 * burnt_kw / min_v.min()) ** 2),
@@ -283,9 +282,3 @@ def _stop_c(temperature_c: Array, factor: Array) -> float | None:
         return None
     positive = np.flatnonzero(factor > 0.0)
     return float(temperature_c[positive[-1] + 1] if positive.size else temperature_c[0])
-
-
-def _colder(lines: Lines, cold_k: float) -> Lines:
-    """Lines over ``theta``, which exceeds the mean temperature by at most ``cold_k``."""
-    intercept, slope = lines
-    return intercept + np.maximum(-slope, 0.0) * cold_k, slope
