@@ -78,12 +78,8 @@ class Kpi:
         return f"{self.number(value)} {self.unit}".rstrip()
 
 
-def _catalogue() -> dict[str, Kpi]:
-    text = (resources.files("bess.data") / "kpis.toml").read_text("utf-8")
-    return {name: Kpi(**entry) for name, entry in tomllib.loads(text).items()}
-
-
-CATALOGUE: Final = _catalogue()
+_TABLE = tomllib.loads((resources.files("bess.data") / "kpis.toml").read_text("utf-8"))
+CATALOGUE: Final = {name: Kpi(**entry) for name, entry in _TABLE.items()}
 """All KPIs, by their names in :func:`bess.kpis`."""
 
 
