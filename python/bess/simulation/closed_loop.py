@@ -84,8 +84,8 @@ class ClosedLoop:
             passed.append(self._pass_block(last - self.step) if in_blocks else self._pass_step())
         return joined([record for record, _ in passed]), [line for _, log in passed for line in log]
 
-    def _pass_step(self, known_kw: tuple[Array, Array] | None = None) -> _Passed:
-        """Run one control step; demand with forecast, and both as served, are read here if not given."""
+    def _pass_step(self) -> _Passed:
+        """Run one control step."""
         step, inputs = self.step, self.inputs
         investment_eur = inputs.installations.install(step, self._plant)
         in_service = inputs.installations.in_service(step)
@@ -94,12 +94,12 @@ class ClosedLoop:
         # What is not announced is expected to last.
         limit_ahead_kw = np.minimum(announced_kw, np.where(in_service, inputs.unannounced_kw[step], 0.0)).T
         limit_kw = limit_ahead_kw[:, 0]
-        if known_kw is None:
+        if len(self._ahead_kw):
+            ahead_kw, served_kw = self._ahead_kw[0], self._served_kw[0]
+        else:
             now = StepInputs(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
             ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
             served_kw = self._served(ahead_kw, limit_kw)
-        else:
-            ahead_kw, served_kw = known_kw
         asked_kvar = None if inputs.reactive is None else inputs.reactive(step, served_kw)
         price = inputs.price_eur_mwh
         policy_input = PolicyInput(
@@ -172,7 +172,7 @@ class ClosedLoop:
             self._skipped_steps = 2 * n_steps if len(request_kw) == n_steps else SKIPPED_STEPS
             n_steps = len(request_kw)
             if n_steps == 0:
-                return self._pass_step((self._ahead_kw[0], self._served_kw[0]))
+                return self._pass_step()
             served_kw, limit_kw = served_kw[:n_steps], limit_kw[:n_steps]
         ambient_c = inputs.ambient_c[first : first + n_steps]
         step_s = float(inputs.grid.step_s)
