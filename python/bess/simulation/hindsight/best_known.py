@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Literal
@@ -15,7 +14,7 @@ from bess.control.planning import PlanPrices
 from bess.control.planning.planner import MAX_STEPS
 from bess.control.planning.power_plan import planner_of_known_demand
 from bess.control.policies import PolicyInput
-from bess.control.policies.adapters import FunctionPolicy
+from bess.control.policies.adapters import Function, FunctionPolicy
 from bess.control.split.objectives import Objectives
 from bess.control.wear import WearPrices
 from bess.errors import InputError
@@ -132,7 +131,7 @@ def benchmark(replay: Replay, effort: Effort = "quick") -> Hindsight:
     dt_h = inputs.grid.dt_h
     hours, passes = _SEARCH[effort]
     steps = max(1, min(round(hours / dt_h), inputs.grid.n_steps, MAX_STEPS))
-    plans = FunctionPolicy(_Plans(replay.system, steps, dt_h, passes))
+    plans = FunctionPolicy(_plans(replay.system, steps, dt_h, passes))
     figures = {"this run": kpis(record), **replay.rules}
     figures[f"a plan of {steps * dt_h:g} h"] = kpis(replay.under(plans, steps))
     found_by = min(figures, key=lambda name: figures[name]["lost_kwh"])
@@ -154,30 +153,21 @@ def benchmark(replay: Replay, effort: Effort = "quick") -> Hindsight:
     )
 
 
-class _Plans:
-    """Plans of a known demand without a warm start, each followed for most of its length."""
+def _plans(system: System, n_steps: int, dt_h: float, price_passes: int) -> Function:
+    """Return a policy: plans of a known demand without a warm start, each followed for most of its length."""
+    make = partial(planner_of_known_demand, system, n_steps, dt_h, price_passes, proof_cells=None)
+    goals = Objectives.energy(shortfall=1.0, start_kwh=0.0)
+    prices = PlanPrices.energy(goals, system.n_strings, n_steps)
+    requests_kw: list[Array] = []
 
-    def __init__(self, system: System, n_steps: int, dt_h: float, price_passes: int) -> None:
-        self._make = partial(planner_of_known_demand, system, n_steps, dt_h, price_passes, proof_cells=None)
-        goals = Objectives.energy(shortfall=1.0, start_kwh=0.0)
-        self._prices = PlanPrices.energy(goals, system.n_strings, n_steps)
-        self._followed = max(1, int(_FOLLOWED * n_steps))
-        self._requests: Iterator[Array] = iter(())
+    def next_request_kw(inputs: PolicyInput) -> Array:
+        if not requests_kw:
+            known = {"ambient_c": inputs.ambient_c, "limit_kw": inputs.expected_limit_kw}
+            plan = make()(inputs.state, inputs.demand_kw, prices, **known)
+            requests_kw.extend(plan.request_kw.T[: max(1, int(_FOLLOWED * n_steps))])
+        return requests_kw.pop(0).copy()
 
-    def __call__(self, inputs: PolicyInput) -> Array:
-        """Set-points of the next step [kW]."""
-        request_kw = next(self._requests, None)
-        if request_kw is None:
-            plan = self._make()(
-                inputs.state,
-                inputs.demand_kw,
-                self._prices,
-                ambient_c=inputs.ambient_c,
-                limit_kw=inputs.expected_limit_kw,
-            )
-            self._requests = iter(plan.request_kw.T[: self._followed])
-            request_kw = next(self._requests)
-        return request_kw.copy()
+    return next_request_kw
 
 
 def _value(replay: Replay, price: Array) -> tuple[float, float, LossWeights]:
