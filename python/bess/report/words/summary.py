@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from bess.simulation.analysis.catalogue import kpi, serving_most
 from bess.simulation.analysis.services import unprovable
 from bess.simulation.analysis.settlement import COSTS, REVENUES
 from bess.simulation.record.provenance import leaves
+
+T = TypeVar("T")
 
 _LEDGER_TOLERANCE_KWH = 1e-6
 _LEDGER_TOLERANCE = 1e-9
@@ -136,10 +138,7 @@ def _compared(runs: Mapping[str, Run]) -> Iterator[str]:
 
 def _alike(runs: Mapping[str, Run]) -> Iterator[str]:
     """Runs in which the plant did the same, to the last bit."""
-    groups: dict[bytes, list[str]] = {}
-    for name, run in runs.items():
-        groups.setdefault(operation_of(run.dataset), []).append(name)
-    for names in groups.values():
+    for names in _names_by(runs, lambda run: [operation_of(run.dataset)]).values():
         if len(names) > 1:
             yield f"{_listed(names)} are identical in every step."
 
@@ -189,6 +188,15 @@ def _plan_gap(run: Run, of_run: str) -> str:
     return f"Plans{of_run} are {' and '.join(gaps)} (medians of the plans with a bound)."
 
 
+def _names_by(runs: Mapping[str, Run], properties: Callable[[Run], Iterable[T]]) -> dict[T, list[str]]:
+    """Names of the runs that have each property."""
+    names: dict[T, list[str]] = {}
+    for name, run in runs.items():
+        for each in properties(run):
+            names.setdefault(each, []).append(name)
+    return names
+
+
 def _listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
@@ -202,11 +210,7 @@ def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
     found = [f"Missing: {sentence}" for sentence in by_reason(problems)]
     if len(runs) > MAX_COMPARED_RUNS:
         return found + list(_warnings_of_many(runs))
-    names: dict[str, list[str]] = {}
-    for name, run in runs.items():
-        for sentence in _warnings_of(run):
-            names.setdefault(sentence, []).append(name)
-    for sentence, named in names.items():
+    for sentence, named in _names_by(runs, _warnings_of).items():
         place = f"{_listed(named)}: {sentence}" if len(runs) > 1 else ""
         found.append(place or f"{sentence[0].upper()}{sentence[1:]}")
     return found
@@ -258,11 +262,7 @@ _MAX_INSTALLATIONS = 6
 
 def event_sentences(runs: Mapping[str, Run]) -> Iterator[str]:
     """Which string was out of service or limited, when, and in which runs; new batteries of the first run."""
-    said: dict[str, list[str]] = {}
-    for name, run in runs.items():
-        for sentence in _events(run):
-            said.setdefault(sentence, []).append(name)
-    for sentence, names in said.items():
+    for sentence, names in _names_by(runs, _events).items():
         yield sentence if len(names) == len(runs) else f"{_listed(names)}: {sentence}"
     yield from _installations(next(iter(runs.values())))
 
