@@ -242,4 +242,5 @@ def held(values: Values) -> Values:
 
 def pale(colour: str) -> str:
     """Mix a colour with white."""
-    return to_hex(_PALE + (1.0 - _PALE) * np.array(to_rgb(colour)))
+    red, green, blue = (_PALE + (1.0 - _PALE) * part for part in to_rgb(colour))
+    return to_hex((red, green, blue))

@@ -342,7 +342,7 @@ class ClosedLoop:
 
     def _slack_kw(self, limit_kw: Array) -> Array:
         """Tolerance of the sum of set-points: rounding and the minimum powers of the inverters."""
-        return _rounding_kw(limit_kw) + self.inputs.system.min_power_kw.sum()
+        return _rounding_kw(limit_kw) + float(self.inputs.system.min_power_kw.sum())
 
     def _reactive(self, policy_input: PolicyInput, decision: Decision, request_kw: Array) -> Array | None:
         """Reactive power of each string, allocated by the policy or, if it does not, in equal parts."""
