@@ -315,9 +315,8 @@ def _cooling(system: System, step_s: float) -> Array:
     assert flows.node_temperature_c is not None
     # left[i, m, j]: share of the excess of node i of string m that is in node j after the step.
     left = np.nan_to_num((flows.node_temperature_c - ambient_c) / _PULSE_K)
-    real = np.arange(count)[:, None] < nodes
-    keeps = np.where(real, left.sum(axis=2), 0.0).max(axis=0)
-    takes = 1.0 - np.where(real, left.sum(axis=2), 0.0).sum(axis=0) / nodes
+    kept = np.where(np.arange(count)[:, None] < nodes, left.sum(axis=2), 0.0)
+    keeps, takes = kept.max(axis=0), 1.0 - kept.sum(axis=0) / nodes
     heats = []
     for string in system.strings:
         thermal = string.thermal.spatial
