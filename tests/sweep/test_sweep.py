@@ -19,7 +19,7 @@ import bess
 from bess.errors import BessError, InputError
 from bess.simulation.record.result import RESULTS, open_result
 from bess.simulation.runner import run
-from bess.simulation.sweep import run_sweep, swept_keys, write_table
+from bess.simulation.sweep import run_sweep, write_table
 from bess.study import expand, load_study
 from bess.study.study import Study
 
@@ -168,7 +168,7 @@ def test_bad_choices_of_workers_are_refused(
 
 def test_objectives_stand_in_the_table_as_numbers_under_the_keys_of_the_study(tmp_path: Path) -> None:
     study = load_study("pareto")
-    write_table(tmp_path, swept_keys(study), expand(study), {})
+    write_table(tmp_path, study, expand(study), {})
     table = pd.read_csv(tmp_path / "sweep.csv")
     weights = table[["policy.objectives.inverter", "policy.objectives.battery"]]
     np.testing.assert_allclose(weights.to_numpy().sum(axis=1), 1.0)
@@ -180,7 +180,7 @@ def test_a_swept_list_stands_in_the_table_as_in_a_study_file(tmp_path: Path) -> 
     study = load_study(
         "case1", {"sweep": [{"key": "system.initial_soc", "values": [[0.5, 0.5], [0.2, 0.8]]}]}
     )
-    write_table(tmp_path, swept_keys(study), expand(study), {})
+    write_table(tmp_path, study, expand(study), {})
     assert pd.read_csv(tmp_path / "sweep.csv")["system.initial_soc"].tolist() == ["[0.5, 0.5]", "[0.2, 0.8]"]
 
 
@@ -193,7 +193,7 @@ def test_a_priority_that_differs_between_scenarios_has_a_column_of_its_own(tmp_p
             ]
         }
     )
-    write_table(tmp_path, swept_keys(study), expand(study), {})
+    write_table(tmp_path, study, expand(study), {})
     table = pd.read_csv(tmp_path / "sweep.csv")
     assert table["policy.objectives.derating"].tolist() == [1.0, 1.0]
     assert table["policy.objectives.derating.priority"].tolist() == [1, 3]

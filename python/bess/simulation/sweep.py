@@ -87,16 +87,16 @@ def swept_keys(study: Study) -> list[str]:
 
 
 def write_table(
-    directory: Path, keys: Iterable[str], studies: Mapping[str, Study], outcomes: Mapping[str, Outcome]
+    directory: Path, study: Study, studies: Mapping[str, Study], outcomes: Mapping[str, Outcome]
 ) -> None:
     """Write ``sweep.csv`` and, with pyarrow, ``sweep.parquet``; scenarios without an outcome are ``open``.
 
-    The table has a column for each of ``keys``. Priorities and tolerances of an objective get columns of
-    their own if they differ between scenarios.
+    The table has a column for each swept key of ``study``. Priorities and tolerances of an objective get
+    columns of their own if they differ between scenarios.
     """
     import pandas as pd
 
-    keys = list(keys)
+    keys = swept_keys(study)
     documents = [study.document() for study in studies.values()]
     columns = [dict(_columns(document, keys)) for document in documents]
     constant = {key for key in columns[0] if key not in keys and len({row.get(key) for row in columns}) == 1}
@@ -204,7 +204,7 @@ def run_scenarios(
         write_summary(folder, {name: result.kpis for name, result in results.items()})
         if study.sweep:
             done = {name: Outcome("done", kpis=result.kpis) for name, result in results.items()}
-            write_table(folder, swept_keys(study), studies, done)
+            write_table(folder, study, studies, done)
     return results
 
 
@@ -346,7 +346,7 @@ def run_sweep(
             "run the same sweep again to continue"
         ) from None
     finally:
-        write_table(directory, swept_keys(study), studies, outcomes)
+        write_table(directory, study, studies, outcomes)
         done = {name: outcomes[name].kpis for name in studies if name in outcomes and outcomes[name].kpis}
         write_summary(directory, done)
     return SweepResult(directory, {name: outcomes[name] for name in studies})
