@@ -18,6 +18,9 @@ from bess.study.study import Study, names_file
 
 _MAX_RUNS = 100_000
 
+Part = tuple[str, Mapping[str, Any]]
+"""A scenario or a point of an axis: its part of the name of a run, and the keys that it sets."""
+
 
 def expand(study: Study) -> dict[str, Study]:
     """Return the runs of a study by name; a study without scenarios and axes is a single run.
@@ -33,7 +36,7 @@ def expand(study: Study) -> dict[str, Study]:
     plain = study.model_copy(update={"scenario": (), "sweep": ()})
     if not study.scenario and not study.sweep:
         return {study.name: plain}
-    named: list[tuple[str, Mapping[str, Any]]] = [(s.name, s.set) for s in study.scenario] or [("", {})]
+    named: list[Part] = [(each.name, each.set) for each in study.scenario] or [("", {})]
     count = len(named) * math.prod(axis.size for axis in study.sweep)
     if count > _MAX_RUNS:
         many = str(count) if count < 10**15 else "its"
@@ -46,25 +49,16 @@ def expand(study: Study) -> dict[str, Study]:
         raise InputError(
             f"{study.name}: sweep: {twice[0]} is set by several axes, or by scenarios as well; set it in one"
         )
-    axes = [list(_points(axis)) for axis in study.sweep]
-    folders = [_common_folder(axis) for axis in study.sweep]
     runs: dict[str, Study] = {}
     folder_of: dict[str, str] = {}
-    for (scenario, settings), *points in itertools.product(named, *axes):
-        values = dict(settings)
-        for point in points:
-            values |= point
-        swept = "_".join(
-            _label(key, value, folder)
-            for point, folder in zip(points, folders, strict=True)
-            for key, value in point.items()
-        )
-        name = "_".join(part for part in (scenario, swept) if part)
+    for parts in itertools.product(named, *map(_points, study.sweep)):
+        name = "_".join(filter(None, (label for label, _ in parts)))
         if (earlier := folder_of.setdefault(name.casefold(), name)) in runs:
             raise InputError(
                 f"{study.name}: the runs {earlier!r} and {name!r} have one folder; use scenario names and "
                 "values that differ, not only in upper and lower case"
             )
+        values = {key: value for _, settings in parts for key, value in settings.items()}
         runs[name] = plain.with_values({"name": name, **values})
     return runs
 
@@ -113,7 +107,13 @@ def _plain(value: float) -> float:
     return int(value) if value == int(value) else value
 
 
-def _points(axis: Axis) -> Iterator[dict[str, Any]]:
+def _points(axis: Axis) -> Iterator[Part]:
+    folder = _common_folder(axis)
+    for settings in _settings(axis):
+        yield "_".join(_label(key, value, folder) for key, value in settings.items()), settings
+
+
+def _settings(axis: Axis) -> Iterator[dict[str, Any]]:
     if axis.simplex is not None:
         assert axis.divisions is not None
         # Bars between the keys separate the parts of the total.
@@ -123,12 +123,11 @@ def _points(axis: Axis) -> Iterator[dict[str, Any]]:
             yield {key: part / axis.divisions for key, part in zip(axis.simplex, parts, strict=True)}
         return
     assert axis.key is not None
-    if axis.values is not None:
-        yield from ({axis.key: value} for value in axis.values)
-        return
-    assert axis.start is not None and axis.stop is not None and axis.count is not None
-    values = np.linspace(axis.start, axis.stop, axis.count).tolist()
-    yield from ({axis.key: _plain(value)} for value in values)
+    values = axis.values
+    if values is None:
+        assert axis.start is not None and axis.stop is not None and axis.count is not None
+        values = tuple(map(_plain, np.linspace(axis.start, axis.stop, axis.count).tolist()))
+    yield from ({axis.key: value} for value in values)
 
 
 def _common_folder(axis: Axis) -> Path | None:
