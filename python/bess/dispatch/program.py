@@ -152,10 +152,14 @@ class StoreProgram(LinearProgram):
 
         cost, lower, upper = self.data()
         n, size = self._hours.size, cost.size
-        step, one = np.arange(n), np.ones(n)
-        value = [-self._one_way_efficiency * self._hours, self._hours / self._one_way_efficiency, one, -one[1:]]
-        row, column = [step, step, step, step[1:]], [self.charge, self.discharge, self.stored, self.stored[:-1]]
-        balance = np.concatenate(value), (np.concatenate(row), np.concatenate(column))
+        step, one_way = np.arange(n), self._one_way_efficiency
+        cells = (
+            (step, self.charge, -one_way * self._hours),
+            (step, self.discharge, self._hours / one_way),
+            (step, self.stored, np.ones(n)),
+            (step[1:], self.stored[:-1], -np.ones(n - 1)),
+        )
+        row, column, value = map(np.concatenate, zip(*cells, strict=True))
         rows, limits = self.rows()
         start = np.zeros(n)
         start[0] = self._initial
@@ -164,7 +168,7 @@ class StoreProgram(LinearProgram):
                 cost,
                 A_ub=rows.tocsr(),
                 b_ub=limits,
-                A_eq=sparse.csr_array(balance, shape=(n, size)),
+                A_eq=sparse.csr_array((value, (row, column)), shape=(n, size)),
                 b_eq=start,
                 bounds=np.column_stack([lower, upper]),
                 integrality=np.arange(size) >= size - self._binaries if self._binaries else None,
