@@ -39,6 +39,11 @@ _UNITS: Final = {
     "_s": "s", "_c": "°C", "_k": "K", "_m": "m", "days": "days",
 }  # fmt: skip
 
+_TYPES: Final = {
+    "number": "number", "integer": "whole number", "string": "text", "boolean": "true or false",
+    "object": "table",
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Key:
@@ -112,8 +117,10 @@ def keys(kind: Kind) -> list[Key]:
                 continue
             dotted = prefix + name
             default = "name of the file" if dotted == "name" else _default(field, name, table)
+            types, ranges = (dict.fromkeys(each) for each in zip(*map(_type_and_range, options), strict=True))
+            key_type, allowed = " or ".join(types), "; ".join(filter(None, ranges))
             meaning = _meaning(kind, dotted)
-            entry = Key(header, dotted, _type(options), _unit(name), default, _allowed(options), meaning)
+            entry = Key(header, dotted, key_type, _unit(name), default, allowed, meaning)
             found.setdefault((header, dotted), entry)
     return list(found.values())
 
@@ -170,27 +177,6 @@ def _unit(name: str) -> str:
     return next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
 
 
-def _type(options: list[dict[str, Any]]) -> str:
-    words = {
-        "number": "number",
-        "integer": "whole number",
-        "string": "text",
-        "boolean": "true or false",
-        "object": "table",
-    }
-    shown = []
-    for option in options:
-        if option.get("format") == "date-time":
-            shown.append("instant")
-        elif "enum" in option or "const" in option:
-            shown.append("one of")
-        elif option.get("type") == "array":
-            shown.append("list")
-        else:
-            shown.append(words.get(option.get("type", ""), "any"))
-    return " or ".join(dict.fromkeys(shown))
-
-
 def _default(field: dict[str, Any], name: str, table: dict[str, Any]) -> str:
     if name in table.get("required", ()):
         return "required"
@@ -198,16 +184,15 @@ def _default(field: dict[str, Any], name: str, table: dict[str, Any]) -> str:
     return "" if value is None or value == {} else json.dumps(value, ensure_ascii=False)
 
 
-def _allowed(options: list[dict[str, Any]]) -> str:
-    shown = []
-    for option in options:
-        if "enum" in option or "const" in option:
-            shown.append(", ".join(json.dumps(value) for value in option.get("enum", [option.get("const")])))
-        elif option.get("type") == "array" and isinstance(option.get("items"), dict):
-            shown.append(_range(option["items"]))
-        else:
-            shown.append(_range(option))
-    return "; ".join(dict.fromkeys(filter(None, shown)))
+def _type_and_range(option: dict[str, Any]) -> tuple[str, str]:
+    """Type of an alternative of a field, and its allowed values."""
+    if option.get("format") == "date-time":
+        return "instant", ""
+    if "enum" in option or "const" in option:
+        return "one of", ", ".join(json.dumps(value) for value in option.get("enum", [option.get("const")]))
+    if option.get("type") == "array":
+        return "list", _range(option["items"])
+    return _TYPES.get(option.get("type", ""), "any"), _range(option)
 
 
 def _range(option: dict[str, Any]) -> str:
