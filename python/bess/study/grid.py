@@ -180,15 +180,12 @@ class SampledSeries:
         integral = np.concatenate([[0.0], np.cumsum(self.values * self.step_s)])
         return np.asarray(np.diff(np.interp(edges, knots, integral)) / grid.step_s)
 
-    def laid(self, grid: TimeGrid, *, repeat: bool) -> NDArray[np.float64]:
-        """Return the means over the steps of ``grid``; with ``repeat`` the series has no start or end."""
-        if not repeat:
-            return self.on(grid)
+    def repeated(self, grid: TimeGrid) -> SampledSeries:
+        """Return the series repeated without start or end, as far as ``grid`` needs it."""
         period_s = self.end_s - self.start_s
         begun_s = (grid.start_s - self.start_s) % period_s
         periods = -((grid.start_s - begun_s - grid.end_s) // period_s)
-        values, start_s = np.tile(self.values, periods), grid.start_s - begun_s
-        return replace(self, values=values, start_s=start_s).on(grid)
+        return replace(self, values=np.tile(self.values, periods), start_s=grid.start_s - begun_s)
 
 
 def _span(part: TimeGrid | SampledSeries) -> str:

@@ -96,6 +96,8 @@ class FcrDemand(DemandSection):
         """See :class:`~bess.study.demands.source.DemandSection`."""
         series = self._frequency(setting)
         grid, system = setting.grid_of(series), setting.system
+        if self.repeat or self.frequency == SYNTHETIC:
+            series = series.repeated(grid)
         capacity_kw, recharge_kw = self._powers(float(system.nominal_kw.sum()))
         store = StorageEstimator(system, self.efficiency)
         band = self._window(capacity_kw, store, system).narrowed(self.band)
@@ -163,25 +165,18 @@ class FcrDemand(DemandSection):
         return window
 
     def _frequency(self, setting: Setting) -> SampledSeries:
-        """Return the frequency deviation; a repeated series starts at the start of the run."""
+        """Return the frequency deviation; one that is repeated starts at the start of the run."""
         from bess.market import read_frequency
 
-        file = self.frequency
-        check_bundled("demand.frequency", file, [SYNTHETIC])
+        file, key, start_s = self.frequency, "demand.frequency", seconds_of(setting.start)
+        check_bundled(key, file, [SYNTHETIC])
         if file == SYNTHETIC:
-            values, step_s = frequency_deviation(), _FREQUENCY_STEP_S
             setting.note("frequency: a bundled week")
-        else:
-            read = read_frequency(file, column=self.column, time_zone=self.time_zone, fill=self.fill)
-            given = setting.series_of(read, file, "demand.frequency", "demand.repeat")
-            setting.note(f"frequency: {file}", given)
-            if not self.repeat:
-                return given
-            values, step_s = given.values, given.step_s
-        period_days = values.size * step_s / 86_400.0
-        count = int(np.ceil((setting.run.days or period_days) / period_days))
-        start_s = seconds_of(setting.start)
-        return SampledSeries(np.tile(values, count), start_s, step_s, "frequency", "demand.frequency")
+            return SampledSeries(frequency_deviation(), start_s, _FREQUENCY_STEP_S, "frequency", key)
+        read = read_frequency(file, column=self.column, time_zone=self.time_zone, fill=self.fill)
+        given = setting.series_of(read, file, key, "demand.repeat")
+        setting.note(f"frequency: {file}", given)
+        return replace(given, start_s=start_s) if self.repeat else given
 
     def _response(self, series: SampledSeries, grid: TimeGrid) -> tuple[Array, str]:
         """Return the mean activation in each step, and a note on the effect of averaging."""
