@@ -253,7 +253,7 @@ class Planner(Checkpointed):
             values = real_numbers(reactive_kvar)
             reactive_kvar = values if values.any() else None
         changed = self._forecast_error.compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
-        previous, running = self._shifted_plan(), self._running()
+        last_kw, previous = self.plan_kw, self._shifted_plan()
         fresh = previous is None or changed or self._turn % RESTART_INTERVAL_STEPS == 0
         groups = groups_of(self.system, state, limit) if fresh else self._groups
         bounded = self._turn % BOUND_STEPS == 0 and kinds_of(self.system, state, limit) <= MAX_BOUNDED_KINDS
@@ -263,7 +263,7 @@ class Planner(Checkpointed):
                 self.system.control_at(state),
                 soc=state.soc,
                 temperature_c=state.temperature_c,
-                running=running,
+                running=np.zeros(len(limit), bool) if last_kw is None else last_kw[:, 0] != 0.0,
                 demand_kw=problem.demand_kw,
                 ambient_c=problem.ambient_c,
                 dt_h=self.dt_h,
@@ -333,9 +333,3 @@ class Planner(Checkpointed):
         if (plan_kw := self.plan_kw) is None:
             return None
         return np.hstack([plan_kw[:, n_steps:], np.zeros_like(plan_kw[:, :n_steps])])
-
-    def _running(self) -> NDArray[np.bool_]:
-        """Inverters that were on in the first step of the previous plan."""
-        if self.plan_kw is None:
-            return np.zeros(self.system.n_strings, dtype=bool)
-        return np.asarray(self.plan_kw[:, 0] != 0.0)
