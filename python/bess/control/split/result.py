@@ -52,11 +52,6 @@ class SplitStatus(Enum):
     def __str__(self) -> str:
         return self.sentence
 
-    @property
-    def is_fallback(self) -> bool:
-        """Whether the search ended early and the incumbent was returned."""
-        return self in (SplitStatus.TIME_LIMIT, SplitStatus.SOLVER_FAILED)
-
 
 @dataclass(frozen=True)
 class GroupResult:
@@ -179,7 +174,7 @@ class Split(ByValue):
     @property
     def fallback(self) -> bool:
         """Whether the search ended early and the incumbent was returned."""
-        return self.status.is_fallback
+        return self.status in (SplitStatus.TIME_LIMIT, SplitStatus.SOLVER_FAILED)
 
 
 def relative_gap(objective: float, bound: float) -> float:
