@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import islice
-from typing import Final
+from typing import Final, NoReturn
 
 import pandas as pd
 
@@ -153,12 +153,15 @@ def _check_widths(body: Numbered, columns: int, repairs: Repairs) -> None:
     for line, row in body:
         if len(row) == columns:
             continue
+        if len(row) < columns and line == body[-1][0]:
+            text = f"ends after {len(row)} of {columns} columns: the file is truncated; fetch it again"
+            fail(line, text)
         beyond = [cell.strip() for cell in row[columns:] if cell.strip()]
         if len(row) < columns or any(map(_LIKE_DATA.match, beyond)):
-            _ragged(line, len(row), columns, last=line == body[-1][0])
+            _ragged(line, len(row), columns)
         remarks += [line] if beyond else []
     if len(remarks) > max(1, _MAX_REMARK_SHARE * len(body)):
-        _ragged(remarks[0], columns + 1, columns, last=False)
+        _ragged(remarks[0], columns + 1, columns)
     repairs.add("remark", "left out a remark beside the table", len(remarks), remarks[0] if remarks else None)
 
 
@@ -220,7 +223,7 @@ def _header(numbered: Numbered, separator: str) -> int:
     for _, row in numbered[:start]:
         split_otherwise = (separator.join(row).count(other) + 1 for other in _SEPARATORS)
         if _is_data(numbered[start][1]) or width in split_otherwise:
-            _ragged(numbered[start][0], width, len(row), last=False)
+            _ragged(numbered[start][0], width, len(row))
     return start
 
 
@@ -228,9 +231,7 @@ def _is_data(row: list[str]) -> bool:
     return sum(bool(_LIKE_DATA.match(cell)) for cell in row) * 2 > sum(map(bool, row))
 
 
-def _ragged(line: int, cells: int, columns: int, *, last: bool) -> None:
-    if last and cells < columns:
-        fail(line, f"ends after {cells} of {columns} columns: the file is truncated; fetch it again")
+def _ragged(line: int, cells: int, columns: int) -> NoReturn:
     fail(
         line,
         f"has {cells} cells where the header has {columns} columns: wrong or mixed separator; "
