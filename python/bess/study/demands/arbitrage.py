@@ -282,16 +282,14 @@ class ArbitrageDemand(DemandSection):
             cycles_per_plan=self.cycles_per_plan,
             end_price_eur_mwh=self.end_price_eur_mwh,
         )
-        replan_steps = None
-        if self.replan_h is not None:
-            replan_steps = steps_in(self.replan_h, grid.dt_h, "demand.replan_h")
+        dt_h, replan_h = grid.dt_h, self.replan_h
         return AwarePlanner(
             dispatch,
             forecast,
             calendar_days(grid.index, self.market_time_zone),
-            grid.dt_h,
-            look_ahead_steps=steps_in(self.look_ahead_h, grid.dt_h, "demand.look_ahead_h"),
-            replan_steps=replan_steps,
+            dt_h,
+            replan_steps=None if replan_h is None else steps_in(replan_h, dt_h, "demand.replan_h"),
+            look_ahead_steps=steps_in(self.look_ahead_h, dt_h, "demand.look_ahead_h"),
             bands=forecast if self.forecast == "bands" and isinstance(forecast, BandForecast) else None,
         )
 
