@@ -24,7 +24,6 @@ from bess.control.split.relaxation.data import PlantConstants
 from bess.control.split.result import Split, SplitStatus
 from bess.control.split.rollout import Rollout
 from bess.control.split.settings import ROLLOUTS, SplitSettings
-from bess.control.split.tree import Closure
 from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.system import State, System
@@ -36,15 +35,6 @@ MAX_SEARCHES = 2
 """Maximum searches of a call: a better schedule from a relaxation is improved by one further search."""
 
 DEFAULTS = SplitSettings()
-
-STATUS = {
-    Closure.GAP: SplitStatus.CONVEXIFIED_CLOSED,
-    Closure.TREE: SplitStatus.TREE_CLOSED,
-    Closure.TOO_LARGE: SplitStatus.TOO_LARGE,
-    Closure.NODE_LIMIT: SplitStatus.NODE_LIMIT,
-    Closure.TIME_LIMIT: SplitStatus.TIME_LIMIT,
-    Closure.INFEASIBLE: SplitStatus.SOLVER_FAILED,
-}
 
 
 class PowerSplit(Checkpointed):
@@ -252,5 +242,5 @@ def _status(certificate: Certificate) -> SplitStatus:
     """Return the strongest status that holds for every group; statuses are ordered by strength."""
     if certificate.failed:
         return SplitStatus.SOLVER_FAILED
-    statuses = [STATUS[closure] for closure in certificate.closures if closure is not None]
+    statuses = [closure.value for closure in certificate.closures if closure is not None]
     return max(statuses, key=list(SplitStatus).index, default=SplitStatus.OPTIMAL)

@@ -15,16 +15,18 @@ from itertools import count
 
 import numpy as np
 
+from bess.control.split.result import SplitStatus
+
 
 class Closure(Enum):
-    """Why the search ended."""
+    """Why the search ended, with the status of a split whose search ended so."""
 
-    GAP = "the gap is closed"
-    TREE = "every node is closed; the remaining gap is in the leaves"
-    TOO_LARGE = "the problem is too large to relax; no node was solved"
-    NODE_LIMIT = "the node limit was reached"
-    TIME_LIMIT = "the time limit was reached"
-    INFEASIBLE = "no feasible point exists"
+    GAP = SplitStatus.CONVEXIFIED_CLOSED
+    TREE = SplitStatus.TREE_CLOSED  # the remaining gap is in the leaves
+    TOO_LARGE = SplitStatus.TOO_LARGE
+    NODE_LIMIT = SplitStatus.NODE_LIMIT
+    TIME_LIMIT = SplitStatus.TIME_LIMIT
+    INFEASIBLE = SplitStatus.SOLVER_FAILED
 
 
 Branches = Callable[[], Sequence["Solved"]]
