@@ -112,6 +112,5 @@ def _bought_again_eur_mwh(buy_eur_mwh: Array, demand_kw: Array) -> Array:
     # Sums from each step to the end.
     power = np.cumsum(charging_kw[::-1])[::-1]
     paid = np.cumsum((charging_kw * buy_eur_mwh)[::-1])[::-1]
-    ordered, half = np.sort(buy_eur_mwh), buy_eur_mwh.size // 2
-    median = np.full(buy_eur_mwh.size, (ordered[half] + ordered[-half - 1]) / 2.0)
+    median = np.full(buy_eur_mwh.size, np.median(buy_eur_mwh))
     return np.asarray(np.divide(paid, power, out=median, where=power > 0.0))
