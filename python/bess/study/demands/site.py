@@ -85,8 +85,7 @@ class SiteDemand(MeterSection, DemandSection):
         )
         series = site.series | {"export_price_eur_mwh": np.full(grid.n_steps, self.export_price_eur_mwh)}
         target_kw, more_series = self._limit(setting, site, store, target)
-        later = np.full(site.net_kw.size - grid.n_steps, target_kw[-1])
-        source = MeterSource(site.forecast, target, np.r_[target_kw, later], store, self.ready_soc)
+        source = MeterSource(site.forecast, target, target_kw, store, self.ready_soc)
         return RunDemand(grid, source, np.full(grid.n_steps, self.price_eur_mwh), series | more_series)
 
     def _limit(
