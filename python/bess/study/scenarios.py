@@ -94,13 +94,12 @@ def refined(
             )
         points[value] = kpis[name][axis.maximise]
     values = sorted(points)
-    if not values:
+    if len(values) < 2:  # nothing is between
         return {}
     best = max(range(len(values)), key=lambda place: points[values[place]])
     around = values[max(0, best - 1) : best + 2]
-    new = tuple((low + high) / 2.0 for low, high in itertools.pairwise(around))
-    found = Axis(key=axis.key, values=tuple(map(_plain, new)))
-    return {} if not new else expand(study.model_copy(update={"sweep": (found,)}))
+    new = tuple(_plain((low + high) / 2.0) for low, high in itertools.pairwise(around))
+    return expand(study.model_copy(update={"sweep": (Axis(key=axis.key, values=new),)}))
 
 
 def _plain(value: float) -> float:
