@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 _TO_KW: Final = {"W": 1e-3, "kW": 1.0, "MW": 1e3}
 _TO_KVAR: Final = {"var": 1e-3, "kvar": 1.0, "Mvar": 1e3}
+_FACTORS: Final = _TO_KW | _TO_KVAR
 _SIGN: Final = {"discharge": 1.0, "charge": -1.0}
 
 _DAY: Final = (
@@ -147,10 +148,8 @@ def read_profile(
     from bess.market.files import reading
     from bess.market.regular import regular
 
-    to_unit = _TO_KVAR if unit in _TO_KVAR else _TO_KW
-    if unit not in to_unit:
-        allowed = ", ".join([*_TO_KW, *_TO_KVAR])
-        raise InputError(f"profile {path}: unit {unit!r} is unknown; allowed are {allowed}")
+    if unit not in _FACTORS:
+        raise InputError(f"profile {path}: unit {unit!r} is unknown; allowed are {', '.join(_FACTORS)}")
     if positive not in _SIGN:
         raise InputError(f"profile {path}: positive {positive!r} is unknown; allowed are {', '.join(_SIGN)}")
     if not (np.isfinite(scale) and scale > 0.0):
@@ -161,7 +160,7 @@ def read_profile(
         _check_unit(chosen, unit)
         rows = columns.labelled_at_start(repairs).rows(chosen, time_zone, repairs)
         series = regular(rows, fill, repairs, bridged_s=0)
-    power = _resampled(str(path), series, dt_h) * (_SIGN[positive] * to_unit[unit] * scale)
+    power = _resampled(str(path), series, dt_h) * (_SIGN[positive] * _FACTORS[unit] * scale)
     power = power.rename("demand_kw")
     power.attrs = {"units": "kvar" if unit in _TO_KVAR else "kW", "repairs": repairs}
     return power
