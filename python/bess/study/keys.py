@@ -9,7 +9,6 @@ from typing import Any
 from bess.errors import InputError, nearest
 from bess.files import parse_toml
 
-Document = dict[str, Any]
 _MAX_DEPTH = 12
 
 
@@ -28,7 +27,7 @@ def value_at(document: object, key: str) -> Any:
     return document
 
 
-def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:
+def with_value(document: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
     """Return a copy of ``document`` in which the dotted ``key`` has ``value``.
 
     An index addresses an item of a list: ``event.0.string`` or ``event[0].string``.
