@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Mapping
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,7 @@ def build_system(
     _check_reach(document, parameters, name)
     with placed(name):
         document = put_over(put_over({}, document), parameters)
-    site: dict[str, Any] = dict(document.get("system", {}))
-    strings = [dict(entry) for entry in document.get("string", [])]
+    site, strings = document.setdefault("system", {}), document.get("string", [])
     n_strings = choice.n_strings or string_count(document, name)
     if choice.n_strings is not None or strings:
         site["n_strings"] = n_strings
@@ -44,10 +44,8 @@ def build_system(
         values = list(value) if isinstance(value, tuple) else [value] * n_strings
         if len(values) != n_strings:
             raise InputError(f"system.{key}: {len(values)} values for {n_strings} strings")
-        strings += [{} for _ in range(n_strings - len(strings))]
-        for index, number in enumerate(values):
-            strings[index] = deep_merge(strings[index], {"system": {key: number}})
-    document["system"] = site
+        own = [{"system": {key: number}} for number in values]
+        strings = [deep_merge(*pair) for pair in zip_longest(strings, own, fillvalue={})]
     if strings:
         document["string"] = strings
     if chosen := wear.model_dump(exclude_none=True):
