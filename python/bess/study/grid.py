@@ -53,7 +53,7 @@ class TimeGrid:
         return cls(start_s, round(3600.0 * float(dataset.attrs["step_h"])), dataset.sizes["time"])
 
     def __str__(self) -> str:
-        return f"{_span(self)}, {self.n_steps} steps of {self.step_s / 60:g} min"
+        return f"{self.span}, {self.n_steps} steps of {self.step_s / 60:g} min"
 
     @property
     def end_s(self) -> int:
@@ -81,6 +81,11 @@ class TimeGrid:
     def end(self) -> datetime:
         """End of the last step, UTC."""
         return datetime.fromtimestamp(self.end_s, tz=UTC)
+
+    @property
+    def span(self) -> str:
+        """Start and end, for messages."""
+        return f"{self.start:%Y-%m-%d %H:%M} to {self.end:%Y-%m-%d %H:%M} UTC"
 
     @property
     def dt_h(self) -> float:
@@ -143,33 +148,28 @@ class SampledSeries:
         return cls(values, int(seconds[0]), step_s, what, key, repeat_key, repairs)
 
     @property
-    def end_s(self) -> int:
-        """End of the last value."""
-        return self.start_s + self.step_s * self.values.size
-
-    @property
-    def start(self) -> datetime:
-        """Start of the first value."""
-        return datetime.fromtimestamp(self.start_s, tz=UTC)
+    def grid(self) -> TimeGrid:
+        """Times of the values."""
+        return TimeGrid(self.start_s, self.step_s, self.values.size)
 
     def days_from(self, start: datetime, step_s: float) -> float:
         """Days of whole control steps from ``start`` to the end of the series."""
-        steps = (self.end_s - seconds_of(start)) // step_s
+        steps = (self.grid.end_s - seconds_of(start)) // step_s
         if steps < 1:
             raise InputError(
-                f"run.start = {start:%Y-%m-%d %H:%M}: {self.key} {self.what} covers {_span(self)}; "
+                f"run.start = {start:%Y-%m-%d %H:%M}: {self.key} {self.what} covers {self.grid.span}; "
                 f"start at least one step of {step_s / 60:g} min before its end"
             )
         return steps * step_s / _S_PER_DAY
 
     def on(self, grid: TimeGrid) -> NDArray[np.float64]:
         """Return the mean over each step of ``grid``; each value is held until the next."""
-        if grid.start_s < self.start_s or grid.end_s > self.end_s:
+        if grid.start_s < self.start_s or grid.end_s > self.grid.end_s:
             # A series repeats after its end, not always before its start.
             repeats = self.repeat_key is not None and self.start_s <= grid.start_s
             repeat = f", or {self.repeat_key} = true" if repeats else ""
             raise InputError(
-                f"{self.key}: {self.what} covers {_span(self)}, the run needs {_span(grid)}; "
+                f"{self.key}: {self.what} covers {self.grid.span}, the run needs {grid.span}; "
                 f"set run.start and run.days{repeat}"
             )
         # The integral of a held series is piecewise linear: its differences are exact means for any steps.
@@ -182,12 +182,7 @@ class SampledSeries:
 
     def repeated(self, grid: TimeGrid) -> SampledSeries:
         """Return the series repeated without start or end, as far as ``grid`` needs it."""
-        period_s = self.end_s - self.start_s
+        period_s = self.step_s * self.values.size
         begun_s = (grid.start_s - self.start_s) % period_s
         periods = -((grid.start_s - begun_s - grid.end_s) // period_s)
         return replace(self, values=np.tile(self.values, periods), start_s=grid.start_s - begun_s)
-
-
-def _span(part: TimeGrid | SampledSeries) -> str:
-    first, last = (datetime.fromtimestamp(second, tz=UTC) for second in (part.start_s, part.end_s))
-    return f"{first:%Y-%m-%d %H:%M} to {last:%Y-%m-%d %H:%M} UTC"

@@ -89,7 +89,7 @@ class Setting:
 
     def grid_of(self, series: SampledSeries) -> TimeGrid:
         """Return the control steps of the run; by default it covers the series."""
-        start = self.run.start or series.start
+        start = self.run.start or series.grid.start
         return TimeGrid.of(start, self.step_s, self.run.days or series.days_from(start, self.step_s))
 
     def series_of(
