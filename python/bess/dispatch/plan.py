@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bess.arrays import each_step, one_number, require_positive
+from bess.arrays import one_number, require_positive
 from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.aware import DispatchInputs, DispatchPlan, DynamicProgramDispatch
 from bess.dispatch.forecast import steps_in
 from bess.dispatch.store_value import price_steps
 from bess.errors import InputError
 from bess.system import State, System
-from bess.system.state import TEMPERATURE_RANGE_C
+from bess.system.system import surroundings_of_steps
 from bess.system.terms import SettlementTerms
 
 if TYPE_CHECKING:
@@ -96,9 +96,7 @@ def plan_dispatch(
     dt_h = system.control.step_min / 60.0
     steps = steps_in(one_number("hours", hours), dt_h, "hours")
     values, days = _on_steps(prices, steps, dt_h, market_time_zone)
-    around = system.reference_temperature_c if ambient_c is None else ambient_c
-    ambient = each_step("ambient_c", around, steps, TEMPERATURE_RANGE_C, "degC")
-    inputs = DispatchInputs(values, ambient, days)
+    inputs = DispatchInputs(values, surroundings_of_steps(system, ambient_c, steps), days)
     dispatch = DynamicProgramDispatch(system, dt_h, terms or SettlementTerms(), cycles_per_day=cycles_per_day)
     return dispatch.plan(inputs, state)
 

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
+from bess.arrays import each_step
 from bess.display import as_table
 from bess.errors import InputError
 from bess.files import MissingFileError
@@ -20,7 +21,7 @@ from bess.system.documents import plain, read_toml
 from bess.system.lumped import Lumped, identify
 from bess.system.parse import StringParameters, parse_system
 from bess.system.sections import LumpedThermal
-from bess.system.state import State
+from bess.system.state import TEMPERATURE_RANGE_C, State
 
 
 class System:
@@ -249,6 +250,12 @@ class System:
             f"System({self.name!r}, n_strings={self.n_strings}, "
             f"{self.nominal_kw.sum():g} kW, {self.nominal_energy_kwh.sum():.0f} kWh)"
         )
+
+
+def surroundings_of_steps(system: System, ambient_c: ArrayLike | None, n_steps: int) -> NDArray[np.float64]:
+    """Return the temperature that strings cool towards in each step [degC]: as given, or the system's own."""
+    around = system.reference_temperature_c if ambient_c is None else ambient_c
+    return each_step("ambient_c", around, n_steps, TEMPERATURE_RANGE_C, "degC")
 
 
 def load_system(path: str | Path) -> System:

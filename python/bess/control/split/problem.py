@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bess import _core
-from bess.arrays import Array, each_step, finite_array
+from bess.arrays import Array, finite_array
 from bess.control.split.objectives import Costs
 from bess.errors import InputError
 from bess.system import State, System
-from bess.system.state import TEMPERATURE_RANGE_C
+from bess.system.system import surroundings_of_steps
 
 MAX_HORIZON_STEPS = 96
 
@@ -53,7 +53,6 @@ class SplitProblem:
                 f"demand_kw has shape {demand.shape}, but the split is for a horizon of {n_steps} steps; "
                 "give one value for each step, or build a PowerSplit with that horizon"
             )
-        around = system.reference_temperature_c if ambient_c is None else ambient_c
         limit = _limits(system, n_steps, limit_kw)
         largest = limit.sum(axis=0)
         asked = np.minimum(np.maximum(demand, -largest), largest)
@@ -65,7 +64,7 @@ class SplitProblem:
             state=state,
             demand_kw=asked,
             unmet_kw=np.abs(demand - asked),
-            ambient_c=each_step("ambient_c", around, n_steps, TEMPERATURE_RANGE_C, "degC"),
+            ambient_c=surroundings_of_steps(system, ambient_c, n_steps),
             limit_kw=limit,
             dt_h=dt_h,
         )

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
-from bess.arrays import ByValue, each_step, finite_array
+from bess.arrays import ByValue, finite_array
 from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.system import State, System
-from bess.system.state import TEMPERATURE_RANGE_C
+from bess.system.system import surroundings_of_steps
 
 Model = Literal["start", "midpoint"]
 """Form of the control model: coefficients of the start or of the middle of each step."""
@@ -135,12 +135,11 @@ def rollout(
         raise InputError(f'model = {model!r} must be one of "start" and "midpoint"')
 
     shape, n_steps = request.shape, request.shape[-1]
-    around = system.reference_temperature_c if ambient_c is None else ambient_c
     arrays = system.control_at(state).rollout(
         state.soc,
         state.temperature_c,
         request.reshape(-1, system.n_strings, n_steps),
-        each_step("ambient_c", around, n_steps, TEMPERATURE_RANGE_C, "degC"),
+        surroundings_of_steps(system, ambient_c, n_steps),
         dt_h,
         model == "midpoint",
     )
