@@ -132,10 +132,9 @@ class Tables(BaseModel):
         derating = [
             _lengthened((s.derating.temperature_c, s.derating.factor), derating_knots) for s in strings
         ]
-        curves = [(s.inverter.load, s.inverter.loss_charge, s.inverter.loss_discharge) for s in strings]
         inverters = [
-            _lengthened(curve, power_knots) * string.inverter.nominal_kw
-            for curve, string in zip(curves, strings, strict=True)
+            _lengthened((each.load, each.loss_charge, each.loss_discharge), power_knots) * each.nominal_kw
+            for each in (string.inverter for string in strings)
         ]
         near_steps = min(steps, max(1, round(NEAR_H / step_h)))
         window = np.array([battery.soc_max - battery.soc_min for battery in batteries])
