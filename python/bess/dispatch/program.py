@@ -159,7 +159,7 @@ class StoreProgram(LinearProgram):
             (step, self.stored, np.ones(n)),
             (step[1:], self.stored[:-1], -np.ones(n - 1)),
         )
-        row, column, value = map(np.concatenate, zip(*cells, strict=True))
+        row, column, value = (np.concatenate(part) for part in zip(*cells, strict=True))
         rows, limits = self.rows()
         start = np.zeros(n)
         start[0] = self._initial

@@ -45,7 +45,7 @@ def build_system(
         if len(values) != n_strings:
             raise InputError(f"system.{key}: {len(values)} values for {n_strings} strings")
         own = [{"system": {key: number}} for number in values]
-        strings = [deep_merge(*pair) for pair in zip_longest(strings, own, fillvalue={})]
+        strings = [deep_merge(*pair) for pair in zip_longest(strings, own, fillvalue=dict[str, Any]())]
     if strings:
         document["string"] = strings
     if chosen := wear.model_dump(exclude_none=True):
