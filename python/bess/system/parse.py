@@ -77,14 +77,11 @@ def parse_system(
         raise InputError(f"{name}: {len(overrides)} [[string]] tables for system.n_strings = {n_strings}")
 
     base = {key: document.get(key, {}) for key in STRING_SECTIONS} | {"system": whole_site}
-    if len(overrides) < n_strings:
-        plain_string = _string({}, base, name, "")
+    without_table = n_strings - len(overrides)
+    alike = [_string({}, base, name, "")] * without_table if without_table else []
     strings = []
-    for index in range(n_strings):
-        if index >= len(overrides):
-            strings.append(plain_string)
-            continue
-        place, override = f"string[{index}].", overrides[index]
+    for index, override in enumerate(overrides):
+        place = f"string[{index}]."
         if unknown := sorted(set(override) - set(STRING_SECTIONS)):
             raise InputError(
                 f"{name}: {place}{unknown[0]}: unknown section; allowed: {', '.join(STRING_SECTIONS)}"
@@ -97,7 +94,7 @@ def parse_system(
                 f"allowed: {', '.join(PER_STRING_SITE)}"
             )
         strings.append(_string(base, override, name, place))
-    return tuple(strings), plant
+    return (*strings, *alike), plant
 
 
 def check_layout(document: object, name: str) -> None:
