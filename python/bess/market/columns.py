@@ -146,7 +146,7 @@ def table_columns(table: Table) -> Columns:
         times,
         list(index),
         lambda name: parse_numbers(table.column(index[name]).rename(name), default),
-        _clock_in(str(cells.name), table.preamble),
+        named_clock(str(cells.name)) or _clock_above(table.preamble),
         table.typical,
         last,
         table.ending,
@@ -161,16 +161,16 @@ def named_clock(label: str) -> str | None:
     return _CLOCKS.get((named[1] or named[2]).upper().partition("/")[0], _BRUSSELS)
 
 
-def _clock_in(label: str, preamble: list[list[str]]) -> str | None:
-    """Return the time zone named in the title of the time column or in the preamble."""
+def _clock_above(preamble: list[list[str]]) -> str | None:
+    """Return the UTC offset given above a table."""
     for names, values in pairwise(preamble):
         offsets = {name.casefold(): value for name, value in zip(names, values, strict=False)}
         for key, unit_s in _OFFSETS:
-            if named_clock(label) is None and _NUMBER.fullmatch(offsets.get(key, "")):
+            if _NUMBER.fullmatch(offsets.get(key, "")):
                 seconds = round(float(offsets[key]) * unit_s)
                 sign, minutes = "-" if seconds < 0 else "+", abs(seconds) // 60
                 return f"UTC{sign}{minutes // 60:02d}:{minutes % 60:02d}"
-    return named_clock(label)
+    return None
 
 
 def _is_clock(cell: str) -> bool:
