@@ -109,12 +109,10 @@ def store_value(
     >>> round(value.net_eur, 2), round(value.cycle_price_eur, 2)
     (142.34, 71.17)
     """
+    given = {"energy_kwh": energy_kwh, "power_kw": power_kw, "round_trip": round_trip}
+    given |= {"initial_kwh": initial_kwh, "dt_h": dt_h}
     energy_kwh, power_kw, round_trip, initial_kwh, dt_h = (
-        one_number(f"store_value: {name}", value)
-        for name, value in (
-            *(("energy_kwh", energy_kwh), ("power_kw", power_kw), ("round_trip", round_trip)),
-            *(("initial_kwh", initial_kwh), ("dt_h", dt_h)),
-        )
+        one_number(f"store_value: {name}", value) for name, value in given.items()
     )
     require_positive(
         "store_value",
