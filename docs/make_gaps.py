@@ -19,8 +19,8 @@ from tables import markdown_table
 
 import bess
 from bess import _core
-from bess.control.split.objectives import Costs
-from bess.control.split.problem import SplitProblem
+from bess.control.objectives import Costs
+from bess.control.problem import SplitProblem
 from bess.control.split.result import SplitStatus
 
 DOCS = Path(__file__).parent

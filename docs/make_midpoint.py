@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tables import markdown_table
 
 import bess
-from bess.control.split.rollout import Model
+from bess.control.rollout import Model
 
 DOCS = Path(__file__).parent
 FILE = "midpoint.md"

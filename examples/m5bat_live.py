@@ -22,9 +22,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import bess
+from bess.control.objectives import Objectives
 from bess.control.policies import Policy, PolicyInput, PolicySection, Settings, build_policy
 from bess.control.policies.rule import water_fill
-from bess.control.split.objectives import Objectives
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.controller import Controller
 from bess.study.sections import ServiceSection

@@ -1,16 +1,16 @@
 """The public names of the package and their modules; ``__init__.py`` reads them from here."""
 
+from bess.control.objectives import Objective as Objective
+from bess.control.objectives import Objectives as Objectives
 from bess.control.planning import Plan as Plan
 from bess.control.planning import plan_power as plan_power
-from bess.control.split.objectives import Objective as Objective
-from bess.control.split.objectives import Objectives as Objectives
+from bess.control.rollout import Rollout as Rollout
+from bess.control.rollout import rollout as rollout
 from bess.control.split.power_split import PowerSplit as PowerSplit
 from bess.control.split.power_split import split_power as split_power
 from bess.control.split.result import GroupResult as GroupResult
 from bess.control.split.result import Split as Split
 from bess.control.split.result import SplitStatus as SplitStatus
-from bess.control.split.rollout import Rollout as Rollout
-from bess.control.split.rollout import rollout as rollout
 from bess.dispatch.plan import plan_dispatch as plan_dispatch
 from bess.dispatch.store_value import StoreValue as StoreValue
 from bess.dispatch.store_value import store_value as store_value

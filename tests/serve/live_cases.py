@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import bess
+from bess.control.objectives import Objectives
 from bess.control.policies import PolicySection, Settings, build_policy
-from bess.control.split.objectives import Objectives
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.controller import Controller
 from bess.study.sections import ServiceSection

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 import bess
 from bess import _core
-from bess.control.split.objectives import Costs
-from bess.control.split.problem import SplitProblem
+from bess.control.objectives import Costs
+from bess.control.problem import SplitProblem
 from bess.control.split.relaxation.branching import MIN_KW
 from bess.control.split.relaxation.data import THETA_UNIT_K, THETA_ZERO_C, PlantConstants
 from bess.control.split.relaxation.group import RelaxedGroup

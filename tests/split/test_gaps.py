@@ -5,7 +5,7 @@ import pytest
 
 import bess
 from bess import _core
-from bess.control.split.problem import SplitProblem
+from bess.control.problem import SplitProblem
 from bess.control.split.settings import ROLLOUTS
 
 STEPS = 8

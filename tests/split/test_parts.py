@@ -8,9 +8,9 @@ import pytest
 import scipy.sparse as sp
 
 import bess
+from bess.control.objectives import NAMES, Objective, Objectives
+from bess.control.problem import SplitProblem
 from bess.control.split.normalisation import constant_scale, payoff_scale
-from bess.control.split.objectives import NAMES, Objective, Objectives
-from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation import conic
 from bess.control.split.relaxation.conic import ConicProgram, lagrangian, solve
 from bess.control.split.relaxation.equations import build, compiled

@@ -7,9 +7,9 @@ import pytest
 from control_cases import CORNERS, DT_H, differing
 
 import bess
+from bess.control.objectives import Costs
+from bess.control.problem import SplitProblem
 from bess.control.split.bounds import PRICED_SAMPLE
-from bess.control.split.objectives import Costs
-from bess.control.split.problem import SplitProblem
 from bess.control.split.settings import ROLLOUTS
 
 SCHEDULES = 60

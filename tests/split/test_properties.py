@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bess
+from bess.control.problem import SplitProblem
 from bess.control.split.carried import Carried
-from bess.control.split.problem import SplitProblem
 
 REFERENCE = bess.System.reference(n_strings=2)
 

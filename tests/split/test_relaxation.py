@@ -12,9 +12,9 @@ import pytest
 
 import bess
 from bess import _core
+from bess.control.problem import SplitProblem
 from bess.control.split import tree
 from bess.control.split.normalisation import constant_scale
-from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation.data import PlantConstants
 from bess.control.split.relaxation.group import RelaxedGroup
 

@@ -35,7 +35,7 @@ ROOMS = [
 # The same inside the rooms that have rooms of their own; a module beside them is named as it is.
 INNER = {
     "system": [("components",), ("",)],
-    "control": [("wear", "explicit", "split"), ("planning",), ("policies",)],
+    "control": [("",), ("wear", "explicit", "split", "planning"), ("policies",)],
     "simulation": [("record",), ("analysis",), ("",), ("hindsight", "sweep")],
     "edge": [("distil",), ("plant_io",), ("serve",)],
 }

@@ -297,6 +297,12 @@ def test_a_search_closes_in_on_the_top_of_a_hump() -> None:
     assert tried == [0.0, 20.0, 30.0, 40.0, 45.0, 50.0, 55.0, 60.0, 80.0, 120.0, 160.0]
 
 
+def test_a_search_of_which_one_run_finished_ends() -> None:
+    study = bess.load_study("wear-price", {"demand.prices": "prices.csv"})
+    runs = expand(study)
+    assert refined(study, runs, {next(iter(runs)): {"cash_npv_eur": 1.0}}) == {}
+
+
 def test_a_search_writes_a_table_whose_page_names_the_best_price(tmp_path: Path) -> None:
     study = bess.load_study(
         "wear-price",

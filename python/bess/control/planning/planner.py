@@ -14,7 +14,7 @@ from bess.control.planning.forecast_error import ForecastErrorTracker
 from bess.control.planning.groups import MAX_BOUNDED_KINDS, groups_of, kinds_of
 from bess.control.planning.prices import PlanPrices
 from bess.control.planning.proven_bound import proven_bound
-from bess.control.split.problem import SplitProblem, check_horizon
+from bess.control.problem import SplitProblem, check_horizon
 from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.system import State, System

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
+from bess.control.objectives import Objectives
 from bess.control.planning.planner import Plan, Planner
 from bess.control.planning.prices import PlanPrices
-from bess.control.split.objectives import Objectives
-from bess.control.split.problem import demand_of_steps
+from bess.control.problem import demand_of_steps
 from bess.errors import InputError
 from bess.system import State, System
 

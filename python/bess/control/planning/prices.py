@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bess.arrays import Array
-from bess.control.split.objectives import Objectives
+from bess.control.objectives import Objectives
 from bess.errors import InputError
 from bess.system.terms import SettlementTerms
 from bess.units import KWH_PER_MWH

@@ -6,8 +6,8 @@ import numpy as np
 
 from bess import _core
 from bess.arrays import Array
-from bess.control.split.objectives import Costs
-from bess.control.split.problem import SplitProblem
+from bess.control.objectives import Costs
+from bess.control.problem import SplitProblem
 
 
 def proven_bound(problem: SplitProblem, loss_prices: Array) -> float:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from bess.arrays import Array
 from bess.checkpoints import Checkpointed
+from bess.control.objectives import Objectives
 from bess.control.planning import Planner, PlanPrices
 from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput, SolverReport
-from bess.control.split.objectives import Objectives
 from bess.control.wear import WearRates
 from bess.errors import InputError
 from bess.system import State

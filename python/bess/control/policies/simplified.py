@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bess.control.split.rollout import rollout
+from bess.control.rollout import rollout
 from bess.convexity import convex_below
 from bess.system import State, System
 from bess.system.parse import StringParameters

@@ -13,9 +13,9 @@ import numpy as np
 
 from bess import _core
 from bess.arrays import Array
+from bess.control.objectives import NAMES, Costs
+from bess.control.problem import SplitProblem
 from bess.control.split import tree
-from bess.control.split.objectives import NAMES, Costs
-from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation.data import PlantConstants
 from bess.control.split.relaxation.group import RelaxedGroup
 from bess.control.split.result import GroupResult, relative_gap

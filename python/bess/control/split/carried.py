@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bess.arrays import Array
-from bess.control.split.problem import SplitProblem
-from bess.control.split.rollout import Rollout
+from bess.control.problem import SplitProblem
+from bess.control.rollout import Rollout
 
 SHARE = 0.1
 """Allowed change of the forecast, relative to the demand, and allowed deviation of the SOC, relative to the

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bess.arrays import Array
-from bess.control.split.objectives import Costs, Objectives
-from bess.control.split.problem import SplitProblem
+from bess.control.objectives import Costs, Objectives
+from bess.control.problem import SplitProblem
 from bess.control.split.settings import ROLLOUTS
 from bess.system import System
 

@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike
 from bess import _core
 from bess.arrays import Array, finite_array
 from bess.checkpoints import Checkpointed
+from bess.control.objectives import Objectives
+from bess.control.problem import SplitProblem, check_horizon, demand_of_steps
+from bess.control.rollout import Rollout
 from bess.control.split.bounds import Certificate
 from bess.control.split.carried import Carried
 from bess.control.split.normalisation import constant_scale, payoff_scale
-from bess.control.split.objectives import Objectives
-from bess.control.split.problem import SplitProblem, check_horizon, demand_of_steps
 from bess.control.split.relaxation.data import PlantConstants
 from bess.control.split.result import Split, SplitStatus
-from bess.control.split.rollout import Rollout
 from bess.control.split.settings import ROLLOUTS, SplitSettings
 from bess.display import as_table, one_line
 from bess.errors import InputError

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from bess.control.split.rollout import Rollout
+    from bess.control.rollout import Rollout
 
 from bess.arrays import Array, ByValue
 from bess.display import as_table, few, one_line

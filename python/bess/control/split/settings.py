@@ -10,7 +10,7 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from bess.control.split.objectives import Objectives
+from bess.control.objectives import Objectives
 from bess.system.quantities import within
 from bess.system.section import Choice
 

@@ -12,10 +12,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bess.control.explicit import ExplicitController, Tables
+from bess.control.objectives import SHORTFALL
 from bess.control.policies.distilled import DistilledPolicy
 from bess.control.policies.reactive import refuse_reactive
 from bess.control.policies.registry import RULES
-from bess.control.split.objectives import SHORTFALL
 from bess.edge.distil.training import GENERATIONS, TrainingCase, TrainingSet, first_weights, fit
 from bess.edge.distil.translate import exports
 from bess.errors import InputError

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from bess.arrays import Array
-from bess.control.split.rollout import rollout
+from bess.control.rollout import rollout
 from bess.edge.plant_io.journal import open_journal
 from bess.errors import InputError
 from bess.files import parse_toml

@@ -14,9 +14,9 @@ import numpy as np
 
 from bess.arrays import Array, Flags
 from bess.checkpoints import Checkpointed
+from bess.control.objectives import SHORTFALL
 from bess.control.policies.rule import water_fill
-from bess.control.split.objectives import SHORTFALL
-from bess.control.split.rollout import rollout
+from bess.control.rollout import rollout
 from bess.edge.serve.constraints import PowerCapability, SocLimits
 from bess.edge.serve.measurement_validator import ValidState
 from bess.edge.serve.plan import Background

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from bess.arrays import Array, Flags
 from bess.checkpoints import Checkpointed
-from bess.control.split.objectives import SHORTFALL
+from bess.control.objectives import SHORTFALL
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW
 from bess.study.sections import ServiceSection
 from bess.system import State, System

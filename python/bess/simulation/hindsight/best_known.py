@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from bess.arrays import Array
+from bess.control.objectives import Objectives
 from bess.control.planning import PlanPrices
 from bess.control.planning.planner import MAX_STEPS
 from bess.control.planning.power_plan import planner_of_known_demand
 from bess.control.policies import PolicyInput
 from bess.control.policies.adapters import Function, FunctionPolicy
-from bess.control.split.objectives import Objectives
 from bess.control.wear import WearPrices
 from bess.errors import InputError
 from bess.simulation.analysis.kpis import kpis

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.arrays import Array
-from bess.control.split.problem import SplitProblem
+from bess.control.problem import SplitProblem
 from bess.control.split.relaxation.equations import LOSSES
 from bess.system import State, System
 from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW

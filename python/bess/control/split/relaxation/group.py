@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bess import _core
 from bess.arrays import Array
-from bess.control.split.problem import SplitProblem
+from bess.control.problem import SplitProblem
 from bess.control.split.relaxation import conic
 from bess.control.split.relaxation.branching import MIN_SOC, Branching, Cut, NodePoint
 from bess.control.split.relaxation.data import THETA_UNIT_K, THETA_ZERO_C, PlantConstants, costs

@@ -1,4 +1,4 @@
-"""One split problem: the arguments of a call, checked against the plant and the horizon."""
+"""The problem of a split or plan: the arguments of a call, checked against the plant and the horizon."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from bess import _core
 from bess.arrays import Array, finite_array
-from bess.control.split.objectives import Costs
+from bess.control.objectives import Costs
 from bess.errors import InputError
 from bess.system import State, System
 from bess.system.system import surroundings_of_steps
