@@ -1,15 +1,20 @@
 """The live controller: sums, reasons, switching, calibration, and what it remembers."""
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from live_cases import controller, measured
+from live_cases import PLAN_STEPS, controller, measured
 
 import bess
 from bess.checkpoints import from_json, to_json
+from bess.control.policies import Decision, PolicyInput
+from bess.edge.serve.controller import Controller
 from bess.edge.serve.service import build_controller
 from bess.errors import InputError
+from bess.study.sections import ServiceSection
 
 
 @pytest.mark.parametrize("n_strings", [1, 2, 3, 8])
@@ -142,6 +147,41 @@ def test_least_times_hold_over_a_restart() -> None:
     for k in range(len(demands), len(demands) + 20):
         now = [live.step(measured([0.5] * 3, at_s=10.0 * k), 40.0, 10.0 * k) for live in (whole, second)]
         assert (now[0].running == now[1].running).all(), k
+
+
+class ThreeSteps:
+    """A policy of one's own that plans three of the steps of the forecast, and counts its plans."""
+
+    statuses: ClassVar = {0: "chosen"}
+
+    def __init__(self) -> None:
+        self.plans = 0
+
+    def __call__(self, inputs: PolicyInput) -> Decision:
+        self.plans += 1
+        plan_kw = np.tile(inputs.demand_kw[:3] / inputs.limit_kw.size, (inputs.limit_kw.size, 1))
+        return Decision(plan_kw[:, 0], plan_kw=plan_kw)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        pass
+
+
+@pytest.mark.parametrize("demand_kw", [100.0, 300.0])
+def test_a_restart_makes_no_plan_anew_however_short_it_is_and_whatever_was_asked(demand_kw: float) -> None:
+    system, policy = bess.System.reference(2), ThreeSteps()
+    first, second = (
+        Controller(system, policy, ServiceSection(control_step_s=60.0), PLAN_STEPS, background=False)
+        for _ in range(2)
+    )
+    ahead_kw = [demand_kw] * PLAN_STEPS
+    first.step(measured([0.5, 0.5], at_s=0.0), demand_kw, 0.0, forecast_kw=ahead_kw)
+    second.load_state_dict(from_json(to_json(first.state_dict())))
+    second.plan.load_state_dict(first.plan.state_dict())
+    answer = second.step(measured([0.5, 0.5], at_s=60.0), demand_kw, 60.0, forecast_kw=ahead_kw)
+    assert policy.plans == 1 and answer.request_kw.sum() == min(demand_kw, 184.0)
 
 
 def test_what_a_start_is_worth_makes_starts_rare() -> None:

@@ -138,9 +138,9 @@ class ActivePlan:
     slot: int
     """Number of its first step since the epoch of the controller's clock."""
     request_kw: Array
-    """``(n_strings, n_steps)``: set-points."""
+    """Set-points of the strings, in one step or more of the forecast."""
     demand_kw: Array
-    """``(n_steps,)``: demand of the plan."""
+    """``(n_steps,)``: demand for which it was made, with the forecast."""
     limit_kw: Array
     """``(n_strings,)``: power of each string in service."""
     gap: float | None
@@ -198,7 +198,7 @@ class CarriedPlan(Checkpointed):
     def from_now(self, now_s: float) -> Array | None:
         """Set-points from the present step on, shape ``(n_strings, n_left)``; None without a plan."""
         offset = 0 if self.current is None else self.slot(now_s) - self.current.slot
-        if self.current is None or not 0 <= offset < self.current.demand_kw.size:
+        if self.current is None or not 0 <= offset < self.current.request_kw.shape[1]:
             return None
         return self.current.request_kw[:, offset:]
 
@@ -277,7 +277,7 @@ class CarriedPlan(Checkpointed):
         plan_kw = decision.request_kw[:, None] if decision.plan_kw is None else decision.plan_kw
         request = np.array(plan_kw, dtype=np.float64)
         gap = float(decision.solver.gap) if np.isfinite(decision.solver.gap) else None
-        return ActivePlan(slot, request, served[: request.shape[1]], limit_kw, gap)
+        return ActivePlan(slot, request, forecast_kw, limit_kw, gap)
 
 
 def preferences(planned_kw: Array | None, curves: Curves, discharge: bool) -> Array:
