@@ -208,16 +208,22 @@ class Event(Section):
         return self
 
 
-class Installation(Section):
-    """Tables ``[[replacement]]`` and ``[[augmentation]]``: a new battery of ``string`` (from 0) at ``date``.
+class Replacement(Section):
+    """Table ``[[replacement]]``: a new battery of ``string`` (from 0) at ``date``.
 
-    Until the date of its augmentation, the string is not there: it has no power, no wear cost and no end of
-    life. The battery costs ``eur_kwh`` per kWh of nominal energy, by default ``wear.replacement_eur_kwh``.
+    The battery costs ``eur_kwh`` per kWh of nominal energy, by default ``wear.replacement_eur_kwh``.
     """
 
     string: Annotated[int, Field(strict=True, ge=0)]
     date: Instant
     eur_kwh: NonNegative | None = None
+
+
+class Augmentation(Replacement):
+    """Table ``[[augmentation]]``: ``string`` (from 0) is added at ``date``, at the cost of its battery.
+
+    Until then it is not there: it has no power, no wear cost and no end of life.
+    """
 
 
 class Scenario(Section):

@@ -19,13 +19,14 @@ from bess.files import MissingFileError, missing
 from bess.study.demands import DEMAND_KINDS, TRADES, Demand, kind_of_demand
 from bess.study.keys import value_at, with_value
 from bess.study.sections import (
+    Augmentation,
     Axis,
     BudgetSection,
     ContractSection,
     Event,
-    Installation,
     OutputSection,
     ReactiveSection,
+    Replacement,
     RunName,
     RunSection,
     Scenario,
@@ -71,8 +72,8 @@ class Study(Section):
     output: OutputSection = OutputSection()
     service: ServiceSection = ServiceSection()
     event: tuple[Event, ...] = ()
-    replacement: tuple[Installation, ...] = ()
-    augmentation: tuple[Installation, ...] = ()
+    replacement: tuple[Replacement, ...] = ()
+    augmentation: tuple[Augmentation, ...] = ()
     scenario: tuple[Scenario, ...] = ()
     sweep: tuple[Axis, ...] = ()
 
