@@ -97,7 +97,7 @@ def write_table(
     import pandas as pd
 
     keys = swept_keys(study)
-    documents = [study.document() for study in studies.values()]
+    documents = [each.document() for each in studies.values()]
     columns = [dict(_columns(document, keys)) for document in documents]
     constant = {key for key in columns[0] if key not in keys and len({row.get(key) for row in columns}) == 1}
     rows = []
