@@ -126,6 +126,6 @@ def _reactive_of(choice: ReactiveSection, setting: Setting, grid: TimeGrid) -> R
         fill=choice.fill,
     )
     series = setting.series_of(read, choice.file, "reactive.file", "reactive.repeat")
-    values = (series.repeated(grid) if choice.repeat else series).on(grid)
+    values = series.on(grid, repeat=choice.repeat)
     setting.note(f"reactive power: {choice.file}, {values.min():g} to {values.max():g} kvar", series)
     return known_reactive(forecast_of(choice.forecast, values, grid.dt_h))

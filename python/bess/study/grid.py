@@ -162,15 +162,20 @@ class SampledSeries:
             )
         return steps * step_s / _S_PER_DAY
 
-    def on(self, grid: TimeGrid) -> NDArray[np.float64]:
-        """Return the mean over each step of ``grid``; each value is held until the next."""
+    def on(self, grid: TimeGrid, *, repeat: bool = False) -> NDArray[np.float64]:
+        """Return the mean over each step of ``grid``; each value is held until the next.
+
+        With ``repeat``, the series has no start or end.
+        """
+        if repeat:
+            return self.repeated(grid).on(grid)
         if grid.start_s < self.start_s or grid.end_s > self.grid.end_s:
             # A series repeats after its end, not always before its start.
             repeats = self.repeat_key is not None and self.start_s <= grid.start_s
-            repeat = f", or {self.repeat_key} = true" if repeats else ""
+            advice = f", or {self.repeat_key} = true" if repeats else ""
             raise InputError(
                 f"{self.key}: {self.what} covers {self.grid.span}, the run needs {grid.span}; "
-                f"set run.start and run.days{repeat}"
+                f"set run.start and run.days{advice}"
             )
         # The integral of a held series is piecewise linear: its differences are exact means for any steps.
         knots = self.start_s + self.step_s * np.arange(self.values.size + 1)

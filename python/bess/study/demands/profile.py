@@ -53,7 +53,7 @@ class ProfileDemand(DemandSection):
             fill=self.fill,
         )
         grid = setting.grid_of(series)
-        values = (series.repeated(grid) if self.repeat else series).on(grid)
+        values = series.on(grid, repeat=self.repeat)
         setting.note(f"demand: {series.what}, {values.min():g} to {values.max():g} kW", series)
         nominal_kw = setting.system.nominal_kw.sum()
         if above := int((np.abs(values) > nominal_kw * (1.0 + 1e-9)).sum()):

@@ -223,7 +223,7 @@ def site_of(meter: MeterSection, setting: Setting, grid: TimeGrid | None = None)
         low, high = given.values.min(), given.values.max()
         setting.note(f"{key}: {given.what}, {low:.4g} to {high:.4g} kW", given)
         grid = grid or setting.grid_of(given)
-        power_kw[key] = (given.repeated(grid) if meter.repeat else given).on(grid)
+        power_kw[key] = given.on(grid, repeat=meter.repeat)
     assert grid is not None
     n = grid.n_steps
     load_kw, pv_kw = (power_kw.get(key, np.zeros(n)) for key in ("load", "pv"))
