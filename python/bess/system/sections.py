@@ -174,9 +174,14 @@ class Control(Section):
     horizon_steps: Annotated[int, Field(strict=True), within(1, 96)] = 8
     plant_step_s: Annotated[float, Field(strict=True), within(1e-3, 86_400.0, "s")] = 10.0
 
+    @property
+    def step_s(self) -> float:
+        """Control step [s]."""
+        return 60.0 * self.step_min
+
     @model_validator(mode="after")
     def _check(self) -> Self:
-        ratio = self.step_min * 60.0 / self.plant_step_s
+        ratio = self.step_s / self.plant_step_s
         if abs(ratio - round(ratio)) > 1e-9 * ratio or ratio < 1.0 - 1e-9:
             raise ValueError(
                 f"plant_step_s {self.plant_step_s:g} s does not divide the control step of "

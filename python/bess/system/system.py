@@ -97,7 +97,7 @@ class System:
 
     def _identified(self) -> Lumped:
         nodes = np.array([s.thermal.spatial.nodes for s in self.strings])
-        steps_s = (60.0 * self.control.step_min, self.control.plant_step_s)
+        steps_s = (self.control.step_s, self.control.plant_step_s)
         try:
             return identify(self.core, np.mean(self.soc_window, axis=0), self.nominal_kw, nodes, steps_s)
         except ValueError as error:

@@ -63,7 +63,7 @@ class Calibration(Checkpointed):
         self._power_kw = QUARTER * system.nominal_kw
         if service.calibration_kw is not None:
             self._power_kw = np.minimum(service.calibration_kw, system.nominal_kw)
-        self._plan_s = 60.0 * system.control.step_min
+        self._plan_s = system.control.step_s
         self._period_s = np.inf if service.calibration_days is None else _DAY_S * service.calibration_days
         if self._period_s < np.inf and system.n_strings == 1:
             raise InputError("service.calibration_days: there is no other string to carry the load")

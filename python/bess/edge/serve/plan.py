@@ -166,7 +166,7 @@ class CarriedPlan(Checkpointed):
         events: tuple[Event, ...] = (),
     ) -> None:
         self._system, self._policy, self._events = system, policy, events
-        self.step_s, self.n_steps = 60.0 * system.control.step_min, n_steps
+        self.step_s, self.n_steps = system.control.step_s, n_steps
         self.making = Background[ActivePlan](pool, "the last plan")
         self._asked: tuple[int, Array, Array] | None = None
         self._asked_at_s = -np.inf

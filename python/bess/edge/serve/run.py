@@ -70,7 +70,7 @@ def serve(
         if plant is not None:  # before the service, which sets a state of another system aside
             system = build_system(study.system, study.run, study.wear)
             link = connect(plant, system.n_strings)
-            demands = Demands(study, 60.0 * system.control.step_min)
+            demands = Demands(study, system.control.step_s)
             journal = Journal(folder, system, study.title or study.name, study.service.journal_mb)
         service = Service(study, folder)
         for note in service.notes:

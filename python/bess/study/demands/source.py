@@ -80,7 +80,7 @@ class Setting:
     @property
     def step_s(self) -> float:
         """Control step [s]."""
-        return self.system.control.step_min * 60.0
+        return self.system.control.step_s
 
     @property
     def start(self) -> datetime:
