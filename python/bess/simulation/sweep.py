@@ -326,6 +326,7 @@ def run_sweep(
     directory = Path(out).absolute()
     studies = prepare_folder(directory, study)
     outcomes: dict[str, Outcome] = {}
+    errors: set[str] = set()
     try:
         max_runs = len(studies) + 2 * study.refinements
         with (
@@ -334,10 +335,10 @@ def run_sweep(
         ):
             for left in _rounds(study, studies, outcomes):
                 for name, outcome in _outcomes(client, left, directory):
-                    known = {each.error for each in outcomes.values()}
                     outcomes[name] = outcome
                     bar.advance(task)
-                    if outcome.status == "failed" and outcome.error not in known:
+                    if outcome.status == "failed" and outcome.error not in errors:
+                        errors.add(outcome.error)
                         text = f"{name} failed: {outcome.error}"
                         bar.console.print(text, markup=False, soft_wrap=True)
     except KeyboardInterrupt:

@@ -118,7 +118,7 @@ class Link(StringLink[str]):
     refresh_s = REFRESH_S
 
     def __init__(self, address: Address, n_strings: int) -> None:
-        named = (*address.strings, *([address.meter] if address.meter else []))
+        named = [name for name in (*address.strings, address.meter) if name]
         odd = not all(re.fullmatch(r"[A-Za-z0-9_]+", name) for name in named)
         if odd or len(address.strings) not in (0, n_strings):
             raise InputError(

@@ -101,7 +101,8 @@ class MeasurementValidator(Checkpointed):
         drives
             Whether those set-points reached the plant; otherwise ``asked_kw`` is the power of the plant.
         """
-        energy_kwh = self._system.nominal_energy_kwh * self._ageing.soh_capacity
+        soh_capacity = self._ageing.soh_capacity
+        energy_kwh = self._system.nominal_energy_kwh * soh_capacity
         late = self._is_late(measured, elapsed_s)
         reasons, rows = [], []
         for i, watch in enumerate(self._watch):
@@ -116,7 +117,7 @@ class MeasurementValidator(Checkpointed):
         soc, low, high, temperature_c, cap_kw, flow_kw, fit = np.array(rows, dtype=np.float64).T
         in_service = fit > 0.0
         return ValidState(
-            State(soc, temperature_c, self._ageing.soh_capacity, self._ageing.soh_resistance),
+            State(soc, temperature_c, soh_capacity, self._ageing.soh_resistance),
             low,
             high,
             energy_kwh,
