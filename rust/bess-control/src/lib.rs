@@ -31,7 +31,6 @@ mod rules;
 mod search;
 #[cfg(test)]
 mod tests;
-mod widest;
 
 pub use dispatch::{DispatchBlock, DispatchProblem, Store, StoreGrid, StoreState};
 pub use explicit::{ExplicitLaw, Measured, Tables, DECISION, N_FEATURES, N_WEIGHTS};

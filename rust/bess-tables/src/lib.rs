@@ -8,6 +8,8 @@
 //! [`System::from_json`] reads the description of a plant that the Python side has validated, and makes of it one
 //! [`StringParameters`] for each string, with its tables ([`Lut`] over one axis, [`Grid`] over two, [`Resistance`] over
 //! the state) and its [`Cooling`].
+//!
+//! [`widest!`] compiles inner loops of both for the widest vectors of the processor.
 
 mod axis;
 mod cooling;
@@ -20,6 +22,7 @@ mod parameters;
 mod resistance;
 mod rest_voltage;
 pub mod units;
+mod widest;
 
 pub use axis::Axis;
 pub use cooling::{CoolantLoop, Cooling};

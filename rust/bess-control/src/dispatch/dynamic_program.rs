@@ -6,10 +6,11 @@ mod tests;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use bess_tables::widest;
+
 use super::bellman::Cells;
 use super::transitions::{weights, StoreState, Transitions};
 use super::{DispatchBlock, DispatchProblem, Store};
-use crate::widest::widest;
 
 /// Cycled energy that a resting plant may show by rounding [kWh].
 const ROUNDING_KWH: f64 = 1e-6;

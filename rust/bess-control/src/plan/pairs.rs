@@ -4,12 +4,13 @@
 //! interpolate the end states of each power share, and a minimum over the shares. A plant is a set of pairs. Each pair
 //! covers a part of the demand in proportion to capacity; the one-step look-ahead moves power between pairs.
 
+use bess_tables::widest;
+
 use crate::cores;
 use crate::model::{Range, StringState};
 use crate::plan::look_ahead::{CostToGo, Group};
 use crate::plan::problem::{kinds, PlanProblem, Point};
 use crate::rules::water_fill;
-use crate::widest::widest;
 
 /// Number of SOC nodes. A plan for seven days of two reference strings costs 1.5 % more with 25, and the same with 41.
 const SOC_NODES: usize = 33;

@@ -5,12 +5,11 @@
 //! leads is the same for each move, so that neither has to be looked up again for each step and move.
 
 use bess_tables::units::SECONDS_PER_HOUR;
-use bess_tables::Direction;
+use bess_tables::{widest, Direction};
 
 use crate::model::{Interval, Losses, Range, StringModel, StringState};
 use crate::plan::problem::PlanProblem;
 use crate::plan::soc_nodes::SocNodes;
-use crate::widest::widest;
 
 /// SOC change of a step at full power [nodes].
 const NODES_PER_STEP: f64 = 10.0;

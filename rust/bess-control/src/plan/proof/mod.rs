@@ -25,14 +25,13 @@ mod images;
 mod moves;
 mod temperatures;
 
-use bess_tables::Direction;
+use bess_tables::{widest, Direction};
 
 use crate::cores;
 use crate::extremes::{larger, smaller};
 use crate::model::{Range, StringModel, StringState};
 use crate::plan::problem::PlanProblem;
 use crate::plan::soc_nodes::SocNodes;
-use crate::widest::widest;
 use errors::{Bends, Errors, StepPrices};
 use images::Images;
 use moves::{Corner, Moves};

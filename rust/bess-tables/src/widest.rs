@@ -2,6 +2,7 @@
 
 /// A function that is also compiled for AVX2 and runs so where the processor has it. It multiplies and adds in the same order, so that
 /// results are the same to the bit. What runs elsewhere is `name::portable`.
+#[macro_export]
 macro_rules! widest {
     ($(#[$attribute:meta])* $visible:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $body:block) => {
         mod $name {
@@ -32,5 +33,3 @@ macro_rules! widest {
         }
     };
 }
-
-pub(crate) use widest;
