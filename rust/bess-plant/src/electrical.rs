@@ -29,8 +29,6 @@ pub(crate) struct Operation {
     pub(crate) delivered_w: f64,
     /// Inverter loss that the battery or the AC side covers while on [W].
     pub(crate) loss_w: f64,
-    /// Open-circuit voltage in force [V].
-    pub(crate) voltage_v: f64,
     /// String current [A], positive in discharge.
     pub(crate) current_a: f64,
     /// SOC at the end of the step.
@@ -46,12 +44,12 @@ pub(crate) fn rint_current(voltage_v: f64, resistance_ohm: f64, power_w: f64) ->
 }
 
 impl Demand {
-    /// Current if nothing limits it, and the voltage it flows at.
-    fn unlimited(&self, delivered_w: f64, loss_w: f64, resistance_ohm: f64) -> (f64, f64) {
+    /// Current if nothing limits it.
+    fn unlimited(&self, delivered_w: f64, loss_w: f64, resistance_ohm: f64) -> f64 {
         let power_w = self.direction.pick(loss_w - delivered_w, delivered_w + loss_w);
         // Charging with less than the inverter loses takes the rest from the battery.
         let voltage_v = if power_w > 0.0 { self.discharge_v } else { self.charge_v };
-        (voltage_v, rint_current(voltage_v, resistance_ohm, power_w))
+        rint_current(voltage_v, resistance_ohm, power_w)
     }
 
     /// The operation with the largest delivered power, not above `wanted_w`, that stays within the SOC window at
@@ -76,10 +74,10 @@ impl Demand {
             }
         }
         let loss_w = if delivered_w > 0.0 { loss.at(self.apparent_va(delivered_w)) } else { 0.0 };
-        let (voltage_v, current_a) = self.unlimited(delivered_w, loss_w, resistance_ohm);
+        let current_a = self.unlimited(delivered_w, loss_w, resistance_ohm);
         // Only rounding is left to clip: the power above was solved for the window.
         let soc = self.soc_after(current_a).clamp(string.soc_min, string.soc_max);
-        Operation { delivered_w, loss_w, voltage_v, current_a, soc, limits }
+        Operation { delivered_w, loss_w, current_a, soc, limits }
     }
 
     /// Apparent power, exactly the active power where there is no reactive power.
@@ -114,7 +112,7 @@ impl Demand {
 
     fn empties(&self, string: &StringParameters, delivered_w: f64, resistance_ohm: f64) -> bool {
         let loss_w = string.inverter.loss(self.direction).at(self.apparent_va(delivered_w));
-        let (_, current_a) = self.unlimited(delivered_w, loss_w, resistance_ohm);
+        let current_a = self.unlimited(delivered_w, loss_w, resistance_ohm);
         current_a > 0.0 && self.soc_after(current_a) < string.soc_min
     }
 }

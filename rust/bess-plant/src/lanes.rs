@@ -1,25 +1,28 @@
-//! A bundle of `W` numbers, one for each string that is stepped side by side.
+//! A bundle of numbers, one for each string that is stepped side by side.
 //!
 //! Every operation acts lane by lane and in the order written, without fused or re-associated arithmetic, so a
-//! lane's result does not depend on its neighbours, on `W`, or on the instruction set the loops are compiled to.
+//! lane's result does not depend on its neighbours or on the instruction set the loops are compiled to.
 
 use std::ops::{Add, Mul, Sub};
 
+/// Strings that are stepped side by side: one vector of AVX2. Twice as many take a seventh more instructions for each string.
+pub(crate) const WIDTH: usize = 4;
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
-pub(crate) struct Lanes<const W: usize>(pub(crate) [f64; W]);
+pub(crate) struct Lanes(pub(crate) [f64; WIDTH]);
 
-impl<const W: usize> Lanes<W> {
-    pub(crate) const ZERO: Self = Self([0.0; W]);
+impl Lanes {
+    pub(crate) const ZERO: Self = Self([0.0; WIDTH]);
 
     #[inline(always)]
     pub(crate) fn splat(value: f64) -> Self {
-        Self([value; W])
+        Self([value; WIDTH])
     }
 
     #[inline(always)]
     pub(crate) fn from_fn(f: impl Fn(usize) -> f64) -> Self {
-        let mut out = [0.0; W];
+        let mut out = [0.0; WIDTH];
         for (lane, value) in out.iter_mut().enumerate() {
             *value = f(lane);
         }
@@ -55,7 +58,7 @@ impl<const W: usize> Lanes<W> {
     }
 }
 
-impl<const W: usize> Default for Lanes<W> {
+impl Default for Lanes {
     fn default() -> Self {
         Self::ZERO
     }
@@ -63,7 +66,7 @@ impl<const W: usize> Default for Lanes<W> {
 
 macro_rules! lane_by_lane {
     ($trait:ident, $method:ident, $operator:tt) => {
-        impl<const W: usize> $trait for Lanes<W> {
+        impl $trait for Lanes {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {

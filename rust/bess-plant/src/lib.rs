@@ -12,7 +12,7 @@
 //! the same plant, are stepped side by side; nothing is allocated per plant step.
 //!
 //! A call of [`Plant::run`] checks its requests (`plant/requests.rs`) into a `Schedule`, which every `Block` of strings
-//! runs from control step to control step (`block/any.rs`, which also writes the [`Record`]) and, inside these, from plant
+//! runs from control step to control step (`block/control_step.rs`, which also writes the [`Record`]) and, inside these, from plant
 //! step to plant step (`block/step.rs`: the electrical balance of all lanes at once, `electrical.rs` for the lanes that
 //! have a limit, `thermal.rs` for the heat). Where strings share a
 //! coolant, `cooling/station.rs` steps the blocks in turn, with the coolant between them.

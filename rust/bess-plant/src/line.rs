@@ -6,7 +6,7 @@
 
 use bess_tables::{Axis, Grid, Lut};
 
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, WIDTH};
 
 /// `intercept + slope * x` for `low <= x < high`.
 #[derive(Debug, Clone, Copy)]
@@ -56,19 +56,19 @@ impl Line {
 }
 
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Lines<const W: usize> {
-    low: Lanes<W>,
-    high: Lanes<W>,
-    intercept: Lanes<W>,
-    slope: Lanes<W>,
+pub(crate) struct Lines {
+    low: Lanes,
+    high: Lanes,
+    intercept: Lanes,
+    slope: Lanes,
 }
 
-impl<const W: usize> Lines<W> {
+impl Lines {
     /// Nothing known yet: every lane is looked up at first use.
     pub(crate) fn unknown() -> Self {
         let mut lines =
             Self { low: Lanes::ZERO, high: Lanes::ZERO, intercept: Lanes::ZERO, slope: Lanes::ZERO };
-        (0..W).for_each(|lane| lines.set(lane, Line::once(0.0)));
+        (0..WIDTH).for_each(|lane| lines.set(lane, Line::once(0.0)));
         lines
     }
 
@@ -81,26 +81,26 @@ impl<const W: usize> Lines<W> {
 
     /// Distance of `x` from the two ends of the known line; `x` has left it where [`Margin::left`] says so.
     #[inline(always)]
-    pub(crate) fn margin(&self, x: Lanes<W>) -> Margin<W> {
+    pub(crate) fn margin(&self, x: Lanes) -> Margin {
         Margin { low: x - self.low, high: self.high - x }
     }
 
     #[inline(always)]
-    pub(crate) fn slope(&self) -> Lanes<W> {
+    pub(crate) fn slope(&self) -> Lanes {
         self.slope
     }
 
     #[inline(always)]
-    pub(crate) fn value(&self, x: Lanes<W>) -> Lanes<W> {
+    pub(crate) fn value(&self, x: Lanes) -> Lanes {
         self.intercept + self.slope * x
     }
 
     /// Values at `x`; lanes that have left their segment are looked up again by `find`.
     #[inline(always)]
-    pub(crate) fn at(&mut self, x: Lanes<W>, find: impl Fn(usize, f64) -> Line) -> Lanes<W> {
+    pub(crate) fn at(&mut self, x: Lanes, find: impl Fn(usize, f64) -> Line) -> Lanes {
         let margin = self.margin(x);
         if margin.any_left() {
-            for lane in (0..W).filter(|&lane| margin.left(lane)) {
+            for lane in (0..WIDTH).filter(|&lane| margin.left(lane)) {
                 self.set(lane, find(lane, x.0[lane]));
             }
         }
@@ -111,14 +111,14 @@ impl<const W: usize> Lines<W> {
 /// Distances from both ends of a half-open segment. Kept as numbers, because their minimum over many nodes is one
 /// instruction for each end.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Margin<const W: usize> {
-    low: Lanes<W>,
-    high: Lanes<W>,
+pub(crate) struct Margin {
+    low: Lanes,
+    high: Lanes,
 }
 
-impl<const W: usize> Margin<W> {
+impl Margin {
     pub(crate) const UNLIMITED: Self =
-        Self { low: Lanes([f64::INFINITY; W]), high: Lanes([f64::INFINITY; W]) };
+        Self { low: Lanes([f64::INFINITY; WIDTH]), high: Lanes([f64::INFINITY; WIDTH]) };
 
     /// The smaller distance of both.
     #[inline(always)]
@@ -133,6 +133,6 @@ impl<const W: usize> Margin<W> {
 
     #[inline(always)]
     pub(crate) fn any_left(&self) -> bool {
-        (0..W).fold(false, |any, lane| any | self.left(lane))
+        (0..WIDTH).fold(false, |any, lane| any | self.left(lane))
     }
 }

@@ -11,9 +11,9 @@
 //! surface film in series (Robin), `U_end = 1 / (1/U + dx/2k)`, which keeps the scheme second order in space.
 //! The form is conservative: heat that leaves one cell enters the next cell or the air.
 
-use bess_tables::{Lut, Resistance, SpatialThermal};
+use bess_tables::{Resistance, SpatialThermal};
 
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, WIDTH};
 use crate::line::{Line, Lines, Margin};
 
 /// Coefficients of the equation from the parameters of one string and the plant step.
@@ -75,26 +75,26 @@ impl Coefficients {
     }
 }
 
-/// Node temperatures of `W` strings and the resistance they cause.
+/// Node temperatures of the lanes and the resistance they cause.
 #[derive(Debug, Clone)]
-pub(crate) struct AirPath<const W: usize> {
-    fourier: Lanes<W>,
-    end: Lanes<W>,
+pub(crate) struct AirPath {
+    fourier: Lanes,
+    end: Lanes,
     /// `lateral (1 - g) / ntu`.
-    to_air: Lanes<W>,
-    air_decay: Lanes<W>,
-    air_gain: Lanes<W>,
-    pub(crate) temperature: Vec<Lanes<W>>,
+    to_air: Lanes,
+    air_decay: Lanes,
+    air_gain: Lanes,
+    pub(crate) temperature: Vec<Lanes>,
     /// Resistance of a string with the temperature of the node throughout [Ohm].
-    pub(crate) resistance: Vec<Lanes<W>>,
-    lines: Vec<Lines<W>>,
-    temperature_sum: Lanes<W>,
-    resistance_sum: Lanes<W>,
-    per_node: Lanes<W>,
+    pub(crate) resistance: Vec<Lanes>,
+    lines: Vec<Lines>,
+    temperature_sum: Lanes,
+    resistance_sum: Lanes,
+    per_node: Lanes,
 }
 
-impl<const W: usize> AirPath<W> {
-    pub(crate) fn new(coefficients: &[Coefficients; W], nodes: usize) -> Self {
+impl AirPath {
+    pub(crate) fn new(coefficients: &[Coefficients; WIDTH], nodes: usize) -> Self {
         let each = |f: fn(&Coefficients) -> f64| Lanes::from_fn(|l| f(&coefficients[l]));
         Self {
             fourier: each(|c| c.fourier),
@@ -119,19 +119,14 @@ impl<const W: usize> AirPath<W> {
 
     /// Where air that enters at `inlet` leaves the last node as the nodes are now [degC].
     #[inline(always)]
-    pub(crate) fn outlet(&self, inlet: Lanes<W>) -> Lanes<W> {
+    pub(crate) fn outlet(&self, inlet: Lanes) -> Lanes {
         self.temperature.iter().fold(inlet, |air, &node| self.air_decay * air + self.air_gain * node)
     }
 
     /// Warms every node by the same [K], after [`Self::advance`]; `hottest` is raised to the hottest node.
     #[cold]
     #[inline(never)]
-    pub(crate) fn warm(
-        &mut self,
-        rise: Lanes<W>,
-        mut hottest: Lanes<W>,
-        tables: &[&Resistance; W],
-    ) -> Lanes<W> {
+    pub(crate) fn warm(&mut self, rise: Lanes, mut hottest: Lanes, tables: &[&Resistance; WIDTH]) -> Lanes {
         for node in &mut self.temperature {
             *node = *node + rise;
             hottest = hottest.at_least(*node);
@@ -141,13 +136,13 @@ impl<const W: usize> AirPath<W> {
     }
 
     #[inline(always)]
-    pub(crate) fn mean_temperature(&self) -> Lanes<W> {
+    pub(crate) fn mean_temperature(&self) -> Lanes {
         self.temperature_sum * self.per_node
     }
 
     /// Resistance of the string: its nodes are in series [Ohm].
     #[inline(always)]
-    pub(crate) fn mean_resistance(&self) -> Lanes<W> {
+    pub(crate) fn mean_resistance(&self) -> Lanes {
         self.resistance_sum * self.per_node
     }
 
@@ -156,11 +151,11 @@ impl<const W: usize> AirPath<W> {
     #[inline(always)]
     pub(crate) fn advance(
         &mut self,
-        heating: Lanes<W>,
-        inlet: Lanes<W>,
-        hottest: Lanes<W>,
-        tables: &[&Resistance; W],
-    ) -> Lanes<W> {
+        heating: Lanes,
+        inlet: Lanes,
+        hottest: Lanes,
+        tables: &[&Resistance; WIDTH],
+    ) -> Lanes {
         let last = self.temperature.len() - 1;
         let mut air = inlet;
         let mut here = self.temperature[0];
@@ -190,11 +185,11 @@ impl<const W: usize> AirPath<W> {
     fn node(
         &mut self,
         node: usize,
-        here: Lanes<W>,
-        air: Lanes<W>,
-        conducted: Lanes<W>,
-        heating: Lanes<W>,
-        sums: &mut Sums<W>,
+        here: Lanes,
+        air: Lanes,
+        conducted: Lanes,
+        heating: Lanes,
+        sums: &mut Sums,
     ) {
         let now = here + (conducted + (heating * self.resistance[node] - self.to_air * (here - air)));
         let resistance = self.lines[node].value(now);
@@ -209,7 +204,7 @@ impl<const W: usize> AirPath<W> {
     /// Finds the table segment of every node anew and sums up, in the order of [`Self::advance`].
     #[cold]
     #[inline(never)]
-    pub(crate) fn look_up(&mut self, tables: &[&Resistance; W]) {
+    pub(crate) fn look_up(&mut self, tables: &[&Resistance; WIDTH]) {
         (self.temperature_sum, self.resistance_sum) = (Lanes::ZERO, Lanes::ZERO);
         for node in 0..self.temperature.len() {
             let now = self.temperature[node];
@@ -221,18 +216,18 @@ impl<const W: usize> AirPath<W> {
     }
 }
 
-struct Sums<const W: usize> {
-    temperature: Lanes<W>,
-    resistance: Lanes<W>,
-    hottest: Lanes<W>,
-    margin: Margin<W>,
+struct Sums {
+    temperature: Lanes,
+    resistance: Lanes,
+    hottest: Lanes,
+    margin: Margin,
 }
 
 /// Resistance over temperature of one node. Measured tables depend on SOC and current too: their nodes are
 /// filled in at every step by the electrical model, so here any value does.
 fn node_line(table: &Resistance, temperature_c: f64) -> Line {
     match table {
-        Resistance::Switched { temperature, .. } => Line::of(temperature as &Lut, temperature_c),
+        Resistance::Switched { temperature, .. } => Line::of(temperature, temperature_c),
         Resistance::Measured { .. } => Line::constant(f64::NEG_INFINITY, f64::INFINITY, 0.0),
     }
 }

@@ -18,7 +18,7 @@ pub enum DeratingLaw {
     Pi,
 }
 
-impl<const W: usize> Block<W> {
+impl Block {
     /// Integral of the PI law at the beginning of a control step.
     #[inline(always)]
     pub(super) fn integrate_excess(&mut self, substeps: usize) {
@@ -30,13 +30,13 @@ impl<const W: usize> Block<W> {
     }
 
     #[inline(always)]
-    fn excess_k(&self) -> Lanes<W> {
+    fn excess_k(&self) -> Lanes {
         self.air_path.mean_temperature() - Lanes::from_fn(|l| self.strings[l].derating.start_c)
     }
 
     /// Share of the request that is let through, in `[0, 1]`.
     #[inline(always)]
-    pub(super) fn derating_factor(&mut self, mean_c: Lanes<W>) -> Lanes<W> {
+    pub(super) fn derating_factor(&mut self, mean_c: Lanes) -> Lanes {
         let strings = &self.strings;
         let factor = match self.law {
             DeratingLaw::Table => {

@@ -1,65 +1,45 @@
 //! One plant step of all lanes: derating, electrical balance, heat.
 
 use bess_tables::units::ZERO_C_IN_K;
-use bess_tables::Resistance;
+use bess_tables::{widest, Resistance};
 
 use super::{Block, ControlStep, Totals};
 use crate::electrical::{Demand, Operation};
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, WIDTH};
 use crate::line::{Line, Margin};
 use crate::measured_resistance;
 use crate::record::Limits;
 
-struct Drawn<const W: usize> {
-    delivered_w: Lanes<W>,
-    loss_w: Lanes<W>,
-    voltage_v: Lanes<W>,
-    current_a: Lanes<W>,
+struct Drawn {
+    delivered_w: Lanes,
+    loss_w: Lanes,
+    current_a: Lanes,
     /// Electrical resistance of the string [Ohm].
-    resistance: Lanes<W>,
+    resistance: Lanes,
     /// Factor from a node's stored resistance to the one in force.
-    node_factor: Lanes<W>,
-    soc: Lanes<W>,
+    node_factor: Lanes,
+    soc: Lanes,
 }
 
-impl<const W: usize> Block<W> {
-    /// Plant steps of a control step, with the widest instructions at hand. They change the speed, not one bit of the result.
-    pub(super) fn plant_steps(&mut self, begun: &mut ControlStep<W>, substeps: usize) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has just been asked for AVX2.
-            #[allow(unsafe_code)]
-            unsafe {
-                self.plant_steps_avx2(begun, substeps)
-            };
-            return;
-        }
-        self.portable_plant_steps(begun, substeps);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[allow(unsafe_code)]
-    unsafe fn plant_steps_avx2(&mut self, begun: &mut ControlStep<W>, substeps: usize) {
-        self.portable_plant_steps(begun, substeps);
-    }
-
-    #[inline(always)]
-    pub(super) fn portable_plant_steps(&mut self, begun: &mut ControlStep<W>, substeps: usize) {
-        let reactive = (0..W).fold(false, |any, lane| any | (begun.reactive_var.0[lane] > 0.0));
+widest! {
+    /// Plant steps of a control step.
+    pub(super) fn plant_steps(block: &mut Block, begun: &mut ControlStep, substeps: usize) {
+        let reactive = begun.reactive_var.0.iter().any(|&asked_var| asked_var > 0.0);
         // Compiled for each, so that strings without even heat or reactive power do not pay for it.
-        match (self.any_even_heat, reactive) {
-            (false, false) => self.repeat::<false, false>(begun, substeps),
-            (true, false) => self.repeat::<true, false>(begun, substeps),
-            (false, true) => self.repeat::<false, true>(begun, substeps),
-            (true, true) => self.repeat::<true, true>(begun, substeps),
+        match (block.any_even_heat, reactive) {
+            (false, false) => block.repeat::<false, false>(begun, substeps),
+            (true, false) => block.repeat::<true, false>(begun, substeps),
+            (false, true) => block.repeat::<false, true>(begun, substeps),
+            (true, true) => block.repeat::<true, true>(begun, substeps),
         }
     }
+}
 
+impl Block {
     #[inline(always)]
     fn repeat<const EVEN_HEAT: bool, const REACTIVE: bool>(
         &mut self,
-        begun: &mut ControlStep<W>,
+        begun: &mut ControlStep,
         substeps: usize,
     ) {
         // A local, because the compiler keeps it in registers.
@@ -71,7 +51,7 @@ impl<const W: usize> Block<W> {
     }
 
     #[inline(always)]
-    fn plant_step<const EVEN_HEAT: bool, const REACTIVE: bool>(&mut self, begun: &mut ControlStep<W>) {
+    fn plant_step<const EVEN_HEAT: bool, const REACTIVE: bool>(&mut self, begun: &mut ControlStep) {
         let ControlStep { magnitude_w, reactive_var: asked_var, sign, direction, inlet_c, .. } = *begun;
         let totals = &mut begun.totals;
         let zero = Lanes::ZERO;
@@ -115,15 +95,8 @@ impl<const W: usize> Block<W> {
         let current_a = (power_w + power_w).divided_by(voltage_v + root);
         let soc_end = soc - current_a * self.soc_per_a;
 
-        let mut drawn = Drawn {
-            delivered_w: started_w,
-            loss_w,
-            voltage_v,
-            current_a,
-            resistance,
-            node_factor,
-            soc: soc_end,
-        };
+        let mut drawn =
+            Drawn { delivered_w: started_w, loss_w, current_a, resistance, node_factor, soc: soc_end };
         let (soc_min, soc_max) = (self.soc_min, self.soc_max);
         let terminal_v = voltage_v - resistance * current_a;
         let (voltage_min_v, voltage_max_v) = (self.voltage_min_v, self.voltage_max_v);
@@ -134,7 +107,7 @@ impl<const W: usize> Block<W> {
                 | (terminal_v.0[lane] < voltage_min_v.0[lane])
                 | (terminal_v.0[lane] > voltage_max_v.0[lane])
         };
-        if self.any_measured || (0..W).fold(false, |any, lane| any | special(lane)) {
+        if self.any_measured || (0..WIDTH).fold(false, |any, lane| any | special(lane)) {
             for (lane, direction) in direction.into_iter().enumerate() {
                 let demand = Demand {
                     direction,
@@ -206,12 +179,12 @@ impl<const W: usize> Block<W> {
     #[inline(never)]
     fn advance_with_even_heat(
         &mut self,
-        heating: Lanes<W>,
-        current_a: Lanes<W>,
-        hysteresis_w: Lanes<W>,
-        soc: Lanes<W>,
-        inlet_c: Lanes<W>,
-        totals: &mut Totals<W>,
+        heating: Lanes,
+        current_a: Lanes,
+        hysteresis_w: Lanes,
+        soc: Lanes,
+        inlet_c: Lanes,
+        totals: &mut Totals,
     ) {
         let mean_c = self.air_path.mean_temperature();
         let reversible_w = Lanes::from_fn(|l| {
@@ -231,12 +204,12 @@ impl<const W: usize> Block<W> {
     #[inline(never)]
     fn shift_beyond(
         &self,
-        margin: &Margin<W>,
-        (mean_v, current_a): (Lanes<W>, Lanes<W>),
-        before: Lanes<W>,
-        shift_w: &mut Lanes<W>,
+        margin: &Margin,
+        (mean_v, current_a): (Lanes, Lanes),
+        before: Lanes,
+        shift_w: &mut Lanes,
     ) {
-        for lane in (0..W).filter(|&lane| margin.left(lane)) {
+        for lane in (0..WIDTH).filter(|&lane| margin.left(lane)) {
             let drawn_w = self.drawn_j(lane, before.0[lane]) / self.step_s;
             shift_w.0[lane] = mean_v.0[lane] * current_a.0[lane] - drawn_w;
         }
@@ -250,7 +223,7 @@ impl<const W: usize> Block<W> {
         lane: usize,
         limited: bool,
         demand: &Demand,
-        drawn: &mut Drawn<W>,
+        drawn: &mut Drawn,
         limits: &mut Limits,
     ) {
         let string = &self.strings[lane];
@@ -272,11 +245,10 @@ impl<const W: usize> Block<W> {
         } else if !limited {
             return;
         }
-        let Operation { delivered_w, loss_w, voltage_v, current_a, soc, limits: bound } =
+        let Operation { delivered_w, loss_w, current_a, soc, limits: bound } =
             demand.operate(string, drawn.resistance.0[lane]);
         drawn.delivered_w.0[lane] = delivered_w;
         drawn.loss_w.0[lane] = loss_w;
-        drawn.voltage_v.0[lane] = voltage_v;
         drawn.current_a.0[lane] = current_a;
         drawn.soc.0[lane] = soc;
         *limits = limits.with(bound);
@@ -294,5 +266,73 @@ fn low_soc_line(resistance: &Resistance, soc: f64) -> Line {
             let line = Line::of(soc_factor, soc);
             Line { high: line.high.min(*low_soc_switch), ..line }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::block::DeratingLaw;
+    use crate::plant::{starting_ageing, PlantState, Schedule};
+    use crate::record::Record;
+    use crate::tests::common;
+
+    /// Strings through all regimes: full, empty, hot, idle.
+    fn record(
+        reactive_var: Option<&[f64]>,
+        plant_steps: impl Fn(&mut Block, &mut ControlStep, usize),
+    ) -> Record {
+        let system = common::reference(WIDTH);
+        let members: Vec<_> = system.strings.iter().enumerate().collect();
+        let mut block = Block::new(&members, DeratingLaw::Pi, 10.0).unwrap();
+        let node_c = |at: usize| 20.0 + 12.0 * (at / 40) as f64 + 0.1 * (at % 40) as f64;
+        let ones = [1.0; WIDTH];
+        block.set_state(&PlantState {
+            soc: (0..WIDTH).map(|l| l as f64 / (WIDTH - 1) as f64).collect(),
+            node_temperature_c: (0..40 * WIDTH).map(node_c).collect(),
+            derating_integral_k: vec![0.3; WIDTH],
+            inverter_on: vec![false; WIDTH],
+            ageing: starting_ageing(&system, &ones, &ones).unwrap(),
+            cooling: None,
+        });
+        let (steps, substeps) = (30, 90);
+        let request_w: Vec<f64> = (0..steps * WIDTH).map(|at| 92e3 * (0.37 * at as f64).sin()).collect();
+        let ambient_c = vec![25.0; steps];
+        let schedule = Schedule {
+            steps,
+            substeps,
+            lanes: WIDTH,
+            strings: WIDTH,
+            request_w: &request_w,
+            ambient_c: &ambient_c,
+            reactive_var,
+        };
+        let mut record = Record::new(steps, (1, WIDTH), 40, true, reactive_var.is_some());
+        for step in 0..steps {
+            let mut begun = block.begin(&schedule, step);
+            plant_steps(&mut block, &mut begun, substeps);
+            block.finish(&begun, &schedule, step, &mut record);
+        }
+        record
+    }
+
+    #[test]
+    fn the_widest_instructions_at_hand_change_no_bit() {
+        // As text, because what was not recorded is NaN, which equals nothing.
+        let text = |record: Record| format!("{record:?}");
+        let asked_var: Vec<f64> = (0..30 * WIDTH).map(|at| 92e3 * (0.11 * at as f64).cos()).collect();
+        for reactive_var in [None, Some(&asked_var[..])] {
+            let widest = record(reactive_var, plant_steps);
+            assert_eq!(text(widest), text(record(reactive_var, plant_steps::portable)));
+        }
+    }
+
+    #[test]
+    fn no_reactive_power_changes_no_bit() {
+        let without = record(None, plant_steps);
+        let mut with = record(Some(&[0.0; 30 * WIDTH]), plant_steps);
+        assert_eq!(with.reactive_var, vec![0.0; 30 * WIDTH]);
+        with.reactive_var.clear();
+        assert_eq!(format!("{with:?}"), format!("{without:?}"));
     }
 }

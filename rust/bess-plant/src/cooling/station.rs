@@ -6,7 +6,7 @@ use bess_tables::{Cooling, InputError, StringParameters};
 use super::kinds::{Kind, Source, Supply};
 use super::thermostat::{max_stages, share, stages};
 use super::{cop, kind};
-use crate::block::{AnyBlock, Faces};
+use crate::block::{Block, ControlStep, Faces};
 use crate::check::check_range;
 use crate::plant::Schedule;
 use crate::record::Record;
@@ -97,17 +97,19 @@ impl Station {
     }
 
     /// Runs a schedule: all blocks one plant step after the other, with the coolant between them.
-    pub(crate) fn run(&mut self, blocks: &mut [Box<dyn AnyBlock>], schedule: &Schedule, record: &mut Record) {
+    pub(crate) fn run(&mut self, blocks: &mut [Block], schedule: &Schedule, record: &mut Record) {
         // NaN differs from every share: each flow is set in the first plant step.
         self.share.fill(f64::NAN);
         for step in 0..schedule.steps {
-            blocks.iter_mut().for_each(|block| block.begin(schedule, step));
+            let mut begun: Vec<_> = blocks.iter_mut().map(|block| block.begin(schedule, step)).collect();
             self.carried_w.fill(0.0);
             self.auxiliary_w.fill(0.0);
             for _ in 0..schedule.substeps {
-                self.plant_step(blocks, schedule, step);
+                self.plant_step(blocks, &mut begun, schedule, step);
             }
-            blocks.iter_mut().for_each(|block| block.finish(schedule, step, record));
+            for (block, begun) in blocks.iter_mut().zip(&begun) {
+                block.finish(begun, schedule, step, record);
+            }
             let n = schedule.substeps as f64;
             for (lane, carried_w) in self.carried_w.iter().enumerate() {
                 record.cooling_w[step * schedule.lanes + lane] = carried_w / n;
@@ -122,7 +124,13 @@ impl Station {
         }
     }
 
-    fn plant_step(&mut self, blocks: &mut [Box<dyn AnyBlock>], schedule: &Schedule, step: usize) {
+    fn plant_step(
+        &mut self,
+        blocks: &mut [Block],
+        begun: &mut [ControlStep],
+        schedule: &Schedule,
+        step: usize,
+    ) {
         let strings = self.units.len();
         // `outlet_c` holds the mean temperatures until the coolant has passed.
         for block in blocks.iter() {
@@ -142,8 +150,8 @@ impl Station {
         if self.cooling.common.as_ref().is_some_and(|common| common.series) {
             self.pass_on(blocks);
         }
-        for block in blocks.iter_mut() {
-            block.cooled_step(&mut self.faces);
+        for (block, begun) in blocks.iter_mut().zip(begun) {
+            block.cooled_step(begun, &mut self.faces);
         }
         for scenario in 0..self.state.chilling.len() {
             self.settle(scenario, schedule.ambient_c(step, scenario * strings));
@@ -159,7 +167,7 @@ impl Station {
     }
 
     /// Sets the flow of each string by its thermostat or, where one flow passes all strings, by the thermostat with the largest flow.
-    fn set_flows(&mut self, blocks: &mut [Box<dyn AnyBlock>]) {
+    fn set_flows(&mut self, blocks: &mut [Block]) {
         let strings = self.units.len();
         let one_flow = self.cooling.common.as_ref().is_some_and(|common| common.series);
         for first in (0..self.state.stages.len()).step_by(strings) {
@@ -181,7 +189,7 @@ impl Station {
         }
     }
 
-    fn set_flow(&mut self, blocks: &mut [Box<dyn AnyBlock>], lane: usize, share: f64) {
+    fn set_flow(&mut self, blocks: &mut [Block], lane: usize, share: f64) {
         if share != self.share[lane] {
             self.share[lane] = share;
             blocks.iter_mut().for_each(|block| block.set_flow(lane, share));
@@ -189,7 +197,7 @@ impl Station {
     }
 
     /// The outlet of one string is the inlet of the next.
-    fn pass_on(&mut self, blocks: &[Box<dyn AnyBlock>]) {
+    fn pass_on(&mut self, blocks: &[Block]) {
         let strings = self.units.len();
         for lane in (0..self.share.len()).filter(|lane| lane % strings + 1 < strings) {
             let inlet_c = self.faces.inlet_c[lane];

@@ -8,9 +8,10 @@ pub use state::{starting_ageing, PlantState};
 
 use bess_tables::{InputError, StringParameters, System};
 
-use crate::block::{AnyBlock, Block, DeratingLaw};
+use crate::block::{Block, DeratingLaw};
 use crate::check::check_range;
 use crate::cooling::{kind, with_coolant, Station};
+use crate::lanes::WIDTH;
 use crate::record::Record;
 use crate::thermal::Coefficients;
 
@@ -21,13 +22,13 @@ const STEP_S: (f64, f64) = (1e-3, 86_400.0);
 
 /// Strings in one or more independent scenarios, simulated in parallel.
 ///
-/// Blocks of eight lanes, and one of four where four suffice. A lane's results depend on nothing but itself.
+/// A lane's results depend on nothing but itself.
 #[derive(Debug)]
 pub struct Plant {
     strings: Vec<StringParameters>,
     scenarios: usize,
     step_s: f64,
-    blocks: Vec<Box<dyn AnyBlock>>,
+    blocks: Vec<Block>,
     station: Option<Station>,
 }
 
@@ -71,15 +72,11 @@ impl Plant {
         let mut lanes: Vec<_> =
             (0..scenarios * strings.len()).map(|id| (id, &strings[id % strings.len()])).collect();
         lanes.sort_by_key(|(_, string)| string.spatial.nodes);
-        let mut blocks: Vec<Box<dyn AnyBlock>> = Vec::new();
-        for equal in lanes.chunk_by(|a, b| a.1.spatial.nodes == b.1.spatial.nodes) {
-            for members in equal.chunks(8) {
-                blocks.push(match members.len() {
-                    ..=4 => Box::new(Block::<4>::new(members, law, step_s)?),
-                    _ => Box::new(Block::<8>::new(members, law, step_s)?),
-                });
-            }
-        }
+        let blocks = lanes
+            .chunk_by(|a, b| a.1.spatial.nodes == b.1.spatial.nodes)
+            .flat_map(|equal| equal.chunks(WIDTH))
+            .map(|members| Block::new(members, law, step_s))
+            .collect::<Result<_, _>>()?;
         let station = match &system.cooling {
             Some(cooling) => Some(Station::new(cooling, &strings, scenarios, step_s)?),
             None => None,

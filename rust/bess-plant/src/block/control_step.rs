@@ -1,13 +1,13 @@
-//! Blocks of any width, as plant and cooling see them: state, control steps, and the record.
+//! Blocks as plant and cooling see them: state, control steps, and the record.
 
 use std::array::from_fn;
-use std::fmt::Debug;
 
 use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::Direction;
 
+use super::step::plant_steps;
 use super::{Block, ControlStep, Totals};
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, WIDTH};
 use crate::line::Lines;
 use crate::plant::{PlantState, Schedule};
 use crate::record::{Limits, Record};
@@ -29,39 +29,11 @@ impl Faces {
     }
 }
 
-/// Lanes that are stepped side by side, however many. They have the numbers of the plant.
-///
 /// A plant whose strings share no coolant calls [`Self::run`]. Where they share one, cooling steps all blocks in turn:
-/// `begin`, then for each plant step the flows and `cooled_step`, then `finish`.
-pub(crate) trait AnyBlock: Debug + Send + Sync {
+/// `begin`, then for each plant step the flows and `cooled_step`, then `finish`. Lanes have the numbers of the plant.
+impl Block {
     /// Writes the state of the lanes.
-    fn write_state(&self, out: &mut PlantState);
-    /// Takes the state of the lanes; SOC beyond its window by rounding is put on the limit.
-    fn set_state(&mut self, state: &PlantState);
-    fn run(&mut self, schedule: &Schedule, record: &mut Record) {
-        for step in 0..schedule.steps {
-            self.begin(schedule, step);
-            self.advance(schedule.substeps);
-            self.finish(schedule, step, record);
-        }
-    }
-
-    fn begin(&mut self, schedule: &Schedule, step: usize);
-    /// Plant steps of the control step.
-    fn advance(&mut self, substeps: usize);
-    /// Writes the mean temperature of every lane [degC].
-    fn means_c(&self, means_c: &mut [f64]);
-    /// Changes the flow of a lane, if it is one of these, to a share of the full one.
-    fn set_flow(&mut self, id: usize, share: f64);
-    /// Temperature at which the coolant would leave a lane, if it is one of these [degC].
-    fn outlet_c(&self, id: usize, inlet_c: f64) -> Option<f64>;
-    /// One plant step with the inlets of `faces`; writes the outlets and the surface temperatures that the coolant met.
-    fn cooled_step(&mut self, faces: &mut Faces);
-    fn finish(&mut self, schedule: &Schedule, step: usize, record: &mut Record);
-}
-
-impl<const W: usize> AnyBlock for Block<W> {
-    fn write_state(&self, out: &mut PlantState) {
+    pub(crate) fn write_state(&self, out: &mut PlantState) {
         let nodes = out.nodes();
         for (lane, &id) in self.ids.iter().enumerate() {
             out.soc[id] = self.soc.0[lane];
@@ -74,9 +46,10 @@ impl<const W: usize> AnyBlock for Block<W> {
         }
     }
 
-    fn set_state(&mut self, state: &PlantState) {
+    /// Takes the state of the lanes; SOC beyond its window by rounding is put on the limit.
+    pub(crate) fn set_state(&mut self, state: &PlantState) {
         let nodes = state.nodes();
-        for lane in 0..W {
+        for lane in 0..WIDTH {
             let id = self.ids[lane.min(self.ids.len() - 1)];
             self.soc.0[lane] = state.soc[id].clamp(self.soc_min.0[lane], self.soc_max.0[lane]);
             self.integral_k.0[lane] = state.derating_integral_k[id];
@@ -86,16 +59,27 @@ impl<const W: usize> AnyBlock for Block<W> {
                 node.0[lane] = value;
             }
         }
-        self.air_path.look_up(&std::array::from_fn(|l| &self.strings[l].resistance));
+        self.air_path.look_up(&from_fn(|l| &self.strings[l].resistance));
         self.aged = self.ids.iter().map(|&id| state.ageing[id].clone()).collect();
         self.follow_ageing();
     }
 
-    fn begin(&mut self, schedule: &Schedule, step: usize) {
+    pub(crate) fn run(&mut self, schedule: &Schedule, record: &mut Record) {
+        for step in 0..schedule.steps {
+            let mut begun = self.begin(schedule, step);
+            plant_steps(self, &mut begun, schedule.substeps);
+            self.finish(&begun, schedule, step, record);
+        }
+    }
+
+    pub(crate) fn begin(&mut self, schedule: &Schedule, step: usize) -> ControlStep {
+        // The loss table in force changes with the direction.
+        self.loss_lines = Lines::unknown();
+        self.integrate_excess(schedule.substeps);
         let member = |l: usize| self.ids[l.min(self.ids.len() - 1)];
-        let request_w: [f64; W] = from_fn(|l| schedule.request_w(step, member(l)));
+        let request_w: [f64; WIDTH] = from_fn(|l| schedule.request_w(step, member(l)));
         let direction = request_w.map(Direction::of);
-        let begun = ControlStep {
+        ControlStep {
             magnitude_w: Lanes::from_fn(|l| request_w[l].abs()),
             reactive_var: Lanes::from_fn(|l| schedule.reactive_var(step, member(l)).abs()),
             sign: Lanes::from_fn(|l| direction[l].sign()),
@@ -112,38 +96,30 @@ impl<const W: usize> AnyBlock for Block<W> {
                     Limits::NONE
                 }
             }),
-        };
-        // The loss table in force changes with the direction.
-        self.loss_lines = Lines::unknown();
-        self.integrate_excess(schedule.substeps);
-        self.begun = Some(begun);
-    }
-
-    fn advance(&mut self, substeps: usize) {
-        if let Some(mut begun) = self.begun {
-            self.plant_steps(&mut begun, substeps);
-            self.begun = Some(begun);
         }
     }
 
-    fn means_c(&self, means_c: &mut [f64]) {
+    /// Writes the mean temperature of every lane [degC].
+    pub(crate) fn means_c(&self, means_c: &mut [f64]) {
         let mean_c = self.air_path.mean_temperature();
         self.ids.iter().enumerate().for_each(|(lane, &id)| means_c[id] = mean_c.0[lane]);
     }
 
-    fn set_flow(&mut self, id: usize, share: f64) {
-        for lane in (0..W).filter(|&lane| self.ids.get(lane) == Some(&id)) {
+    /// Changes the flow of a lane, if it is one of these, to a share of the full one.
+    pub(crate) fn set_flow(&mut self, id: usize, share: f64) {
+        for lane in (0..WIDTH).filter(|&lane| self.ids.get(lane) == Some(&id)) {
             self.air_path.set_flow(lane, &self.coefficients[lane].at_flow(share));
         }
     }
 
-    fn outlet_c(&self, id: usize, inlet_c: f64) -> Option<f64> {
+    /// Temperature at which the coolant would leave a lane, if it is one of these [degC].
+    pub(crate) fn outlet_c(&self, id: usize, inlet_c: f64) -> Option<f64> {
         let lane = self.ids.iter().position(|&own| own == id)?;
         Some(self.air_path.outlet(Lanes::splat(inlet_c)).0[lane])
     }
 
-    fn cooled_step(&mut self, faces: &mut Faces) {
-        let Some(begun) = &mut self.begun else { return };
+    /// One plant step with the inlets of `faces`; writes the outlets and the surface temperatures that the coolant met.
+    pub(crate) fn cooled_step(&mut self, begun: &mut ControlStep, faces: &mut Faces) {
         let nodes = &self.air_path.temperature;
         for (lane, &id) in self.ids.iter().enumerate() {
             begun.inlet_c.0[lane] = faces.inlet_c[id];
@@ -152,15 +128,20 @@ impl<const W: usize> AnyBlock for Block<W> {
         }
         let outlet_c = self.air_path.outlet(begun.inlet_c);
         self.ids.iter().enumerate().for_each(|(lane, &id)| faces.outlet_c[id] = outlet_c.0[lane]);
-        self.advance(1);
+        plant_steps(self, begun, 1);
     }
 
-    fn finish(&mut self, schedule: &Schedule, step: usize, record: &mut Record) {
-        let Some(begun) = self.begun.take() else { return };
+    pub(crate) fn finish(
+        &mut self,
+        begun: &ControlStep,
+        schedule: &Schedule,
+        step: usize,
+        record: &mut Record,
+    ) {
         let mean_c = self.air_path.mean_temperature();
         for (lane, &id) in self.ids.iter().enumerate() {
             let at = step * schedule.lanes + id;
-            self.report(&begun, lane, schedule.substeps as f64, at, record);
+            self.report(begun, lane, schedule.substeps as f64, at, record);
             record.temperature_c[at] = mean_c.0[lane];
             if schedule.reactive_var.is_some() {
                 let sign = if schedule.reactive_var(step, id) < 0.0 { -1.0 } else { 1.0 };
@@ -170,9 +151,7 @@ impl<const W: usize> AnyBlock for Block<W> {
         let duration_s = schedule.substeps as f64 * self.step_s;
         self.age(begun.soc, begun.temperature_c, duration_s, step * schedule.lanes, record);
     }
-}
 
-impl<const W: usize> Block<W> {
     /// Chemical energy at a SOC less that at the one now, of one lane [J].
     pub(super) fn drawn_j(&self, lane: usize, from_soc: f64) -> f64 {
         let rest = &self.strings[lane].rest;
@@ -181,7 +160,7 @@ impl<const W: usize> Block<W> {
     }
 
     /// Writes the flows of one lane as entry `at`: means over `n` plant steps, and the ledger.
-    fn report(&self, begun: &ControlStep<W>, lane: usize, n: f64, at: usize, record: &mut Record) {
+    fn report(&self, begun: &ControlStep, lane: usize, n: f64, at: usize, record: &mut Record) {
         let totals = &begun.totals;
         let drawn_j = self.drawn_j(lane, begun.soc.0[lane]);
         let delivered_w = begun.sign.0[lane] * totals.delivered_w.0[lane];
@@ -220,7 +199,7 @@ impl<const W: usize> Block<W> {
 
     /// Capacity and resistance become those that ageing has left.
     fn follow_ageing(&mut self) {
-        for lane in 0..W {
+        for lane in 0..WIDTH {
             let loss = self.aged[lane.min(self.aged.len() - 1)].loss();
             let capacity_ah = self.strings[lane].capacity_ah * loss.soh_capacity;
             self.capacity_ah.0[lane] = capacity_ah;
@@ -231,14 +210,7 @@ impl<const W: usize> Block<W> {
 
     /// Ages the strings by a control step from `soc` and `temperature_c` to the present state, and records the loss.
     #[inline(never)]
-    fn age(
-        &mut self,
-        soc: Lanes<W>,
-        temperature_c: Lanes<W>,
-        duration_s: f64,
-        first: usize,
-        record: &mut Record,
-    ) {
+    fn age(&mut self, soc: Lanes, temperature_c: Lanes, duration_s: f64, first: usize, record: &mut Record) {
         let now_c = self.air_path.mean_temperature();
         let mut changed = false;
         for (lane, &id) in self.ids.iter().enumerate() {
