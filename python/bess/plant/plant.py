@@ -17,7 +17,7 @@ from bess.errors import InputError
 from bess.plant.flows import Flows, PlantSnapshot
 from bess.system import State, System
 
-_HEALTH = (4, 5, 3)
+_HEALTH = (3, 4, 2)
 """Columns of ``PlantSnapshot.ageing``: factors of capacity and resistance, and loss by cycle ageing."""
 
 _WITHOUT_STRINGS = ("auxiliary_kw", "coolant_c")

@@ -91,16 +91,16 @@ pub fn ageing_models() -> Vec<(&'static str, &'static str)> {
 /// Cycles of a series (ASTM E1049-85, rainflow): range, mean, count (1 or 0.5), index of both ends; the ranges left
 /// at the end count as half cycles.
 #[pyfunction]
-pub fn rainflow(series: GivenVector<'_>) -> Vec<(f64, f64, f64, u64, u64)> {
+pub fn rainflow(series: GivenVector<'_>) -> Vec<(f64, f64, f64, usize, usize)> {
     let (mut counter, mut out) = (Rainflow::default(), Vec::new());
-    for &value in series.as_array() {
-        counter.push(value, (), |cycle| out.push(cycle));
+    for (index, &value) in series.as_array().iter().enumerate() {
+        counter.push(value, index, |cycle| out.push(cycle));
     }
     out.extend(counter.open());
     out.iter()
         .map(|c| {
             let (a, b) = (c.from.value, c.to.value);
-            ((a - b).abs(), 0.5 * (a + b), c.count, c.from.index, c.to.index)
+            ((a - b).abs(), 0.5 * (a + b), c.count, c.from.mark, c.to.mark)
         })
         .collect()
 }

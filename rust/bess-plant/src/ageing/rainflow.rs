@@ -4,13 +4,11 @@
 //! at any time equals the count of the whole series; the ranges between the remaining points are open half cycles.
 
 /// A reversal, the first value, or the last one.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Point<P> {
     /// Value of the series.
     pub value: f64,
-    /// Index of the value; the last one of equal values.
-    pub index: u64,
-    /// Whatever is to be known of the moment.
+    /// Whatever is to be known of the moment; the last one of equal values.
     pub mark: P,
 }
 
@@ -28,30 +26,11 @@ pub struct Counted<P> {
 /// The points that may still be part of a cycle to be counted.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rainflow<P> {
-    points: Vec<Point<P>>,
-    next: u64,
+    /// Between each two an open half cycle; the last one is the last value.
+    pub points: Vec<Point<P>>,
 }
 
 impl<P: Copy> Rainflow<P> {
-    /// Continues from the points left and the number of values seen.
-    pub fn resumed(points: Vec<Point<P>>, next: u64) -> Self {
-        Self { points, next }
-    }
-
-    /// Points left: between each two an open half cycle; the last one is the last value.
-    pub fn points(&self) -> &[Point<P>] {
-        &self.points
-    }
-
-    pub(crate) fn points_mut(&mut self) -> &mut [Point<P>] {
-        &mut self.points
-    }
-
-    /// Values seen.
-    pub fn seen(&self) -> u64 {
-        self.next
-    }
-
     /// Whether `value` would turn the series.
     #[inline]
     pub fn turns_at(&self, value: f64) -> bool {
@@ -64,8 +43,7 @@ impl<P: Copy> Rainflow<P> {
     /// Adds a value; completed cycles are passed to `counted`.
     #[inline]
     pub fn push(&mut self, value: f64, mark: P, mut counted: impl FnMut(Counted<P>)) {
-        let point = Point { value, index: self.next, mark };
-        self.next += 1;
+        let point = Point { value, mark };
         match self.points[..] {
             [first] if value == first.value => return,
             [] | [_] => {
@@ -100,13 +78,13 @@ impl<P: Copy> Rainflow<P> {
 mod tests {
     use super::*;
 
-    fn count(series: &[f64]) -> Vec<(f64, f64, u64, u64)> {
+    fn count(series: &[f64]) -> Vec<(f64, f64, usize, usize)> {
         let (mut rainflow, mut out) = (Rainflow::default(), Vec::new());
-        for &value in series {
-            rainflow.push(value, (), |c| out.push(c));
+        for (index, &value) in series.iter().enumerate() {
+            rainflow.push(value, index, |c| out.push(c));
         }
         out.extend(rainflow.open());
-        out.iter().map(|c| ((c.to.value - c.from.value).abs(), c.count, c.from.index, c.to.index)).collect()
+        out.iter().map(|c| ((c.to.value - c.from.value).abs(), c.count, c.from.mark, c.to.mark)).collect()
     }
 
     #[test]

@@ -33,6 +33,10 @@ impl Damage {
         self.resistance += times * other.resistance;
         self.sites += times * other.sites;
     }
+
+    fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
+        [&mut self.capacity, &mut self.resistance, &mut self.sites].into_iter()
+    }
 }
 
 /// Data of a rainflow point: sums since the start, and the damage of the half cycle that ended there, if any.
@@ -45,6 +49,13 @@ pub(super) struct Mark {
     /// Time in which it moved [h].
     pub(super) moving_h: f64,
     pub(super) damage: Damage,
+}
+
+impl Mark {
+    fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
+        let Self { travel, kelvin_travel, moving_h, damage } = self;
+        [travel, kelvin_travel, moving_h].into_iter().chain(damage.numbers())
+    }
 }
 
 /// Sums since the last block.
@@ -79,20 +90,8 @@ impl AgeingState {
 
     /// All of it as numbers; as many as the count of open cycles takes.
     pub fn to_numbers(&self) -> Vec<f64> {
-        let Loss { calendar, cyclic, soh_capacity, soh_resistance } = self.loss;
-        let points = self.rainflow.points();
-        let mut out = vec![points.len() as f64, self.rainflow.seen() as f64];
-        out.extend([calendar, cyclic, soh_capacity, soh_resistance]);
-        out.extend([self.base_capacity, self.base_resistance]);
-        out.extend([self.calendar.capacity, self.calendar.resistance]);
-        out.extend([self.cyclic.capacity, self.cyclic.resistance, self.cyclic.sites]);
-        out.extend([self.gathered.elapsed_s, self.gathered.soc_s, self.gathered.kelvin_s]);
-        out.extend(self.now.numbers());
-        for point in points {
-            out.extend([point.value, point.index as f64]);
-            out.extend(point.mark.numbers());
-        }
-        out
+        let count = self.rainflow.points.len() as f64;
+        std::iter::once(count).chain(self.clone().numbers().map(|number| *number)).collect()
     }
 
     /// Inverse of [`Self::to_numbers`]; numbers beyond the last point are not read.
@@ -101,46 +100,34 @@ impl AgeingState {
     ///
     /// There are fewer numbers than the first one announces, or one is not finite.
     pub fn from_numbers(numbers: &[f64]) -> Result<Self, InputError> {
-        let mut rest = numbers.iter().copied();
-        let count = rest.next().filter(|&count| (0.0..1e6).contains(&count) && count.fract() == 0.0);
-        let needed = count.map_or(HEADER, |count| HEADER + count as usize * NUMBERS_OF_A_POINT);
-        let found = numbers.len();
+        let count = numbers.first().filter(|&count| (0.0..1e6).contains(count) && count.fract() == 0.0);
+        let mut state = Self::default();
+        state.rainflow.points = vec![Point::default(); count.map_or(0, |&count| count as usize)];
+        let (found, needed) = (numbers.len(), 1 + state.numbers().count());
         if count.is_none() || found < needed {
             return Err(InputError(format!("ageing: {found} values, needs {needed}")));
         }
-        for &value in &numbers[..needed] {
+        for (own, &value) in state.numbers().zip(&numbers[1..]) {
             check_range("ageing state", value, "", (f64::MIN, f64::MAX), String::new)?;
+            *own = value;
         }
-        let mut next = || rest.next().expect("counted above");
-        let seen = next() as u64;
-        let loss = Loss { calendar: next(), cyclic: next(), soh_capacity: next(), soh_resistance: next() };
-        let (base_capacity, base_resistance) = (next(), next());
-        let calendar = Damage { capacity: next(), resistance: next(), sites: 0.0 };
-        let cyclic = Damage { capacity: next(), resistance: next(), sites: next() };
-        let gathered = Gathered { elapsed_s: next(), soc_s: next(), kelvin_s: next() };
-        let now = Mark::of(&mut next);
-        let points = (0..count.unwrap_or(0.0) as usize)
-            .map(|_| Point { value: next(), index: next() as u64, mark: Mark::of(&mut next) })
-            .collect();
-        let rainflow = Rainflow::resumed(points, seen);
-        Ok(Self { base_capacity, base_resistance, calendar, cyclic, now, gathered, rainflow, loss })
-    }
-}
-
-/// Numbers of a state without open cycles, and of each point.
-const HEADER: usize = 2 + 4 + 2 + 2 + 3 + 3 + NUMBERS_OF_A_MARK;
-const NUMBERS_OF_A_POINT: usize = 2 + NUMBERS_OF_A_MARK;
-const NUMBERS_OF_A_MARK: usize = 6;
-
-impl Mark {
-    fn numbers(&self) -> [f64; NUMBERS_OF_A_MARK] {
-        let Damage { capacity, resistance, sites } = self.damage;
-        [self.travel, self.kelvin_travel, self.moving_h, capacity, resistance, sites]
+        Ok(state)
     }
 
-    fn of(next: &mut impl FnMut() -> f64) -> Self {
-        let (travel, kelvin_travel, moving_h) = (next(), next(), next());
-        let damage = Damage { capacity: next(), resistance: next(), sites: next() };
-        Self { travel, kelvin_travel, moving_h, damage }
+    /// Its numbers in the order of [`Self::to_numbers`], after the count of points.
+    fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
+        let Self { base_capacity, base_resistance, calendar, cyclic, now, gathered, rainflow, loss } = self;
+        let Loss { calendar: calendar_loss, cyclic: cyclic_loss, soh_capacity, soh_resistance } = loss;
+        let Gathered { elapsed_s, soc_s, kelvin_s } = gathered;
+        [calendar_loss, cyclic_loss, soh_capacity, soh_resistance, base_capacity, base_resistance]
+            .into_iter()
+            .chain([&mut calendar.capacity, &mut calendar.resistance])
+            .chain(cyclic.numbers())
+            .chain([elapsed_s, soc_s, kelvin_s])
+            .chain(now.numbers())
+            .chain(rainflow.points.iter_mut().flat_map(|point| {
+                let Point { value, mark } = point;
+                std::iter::once(value).chain(mark.numbers())
+            }))
     }
 }

@@ -80,12 +80,14 @@ impl StringAgeing {
         let Some(model) = self.model else { return false };
         let kelvin = mean_temperature_c + ZERO_C_IN_K;
         let (before, after) = soc;
-        if state.rainflow.points().is_empty() {
+        if state.rainflow.points.is_empty() {
             state.rainflow.push(before, state.now, |_| ());
         }
         if state.rainflow.turns_at(after) {
             // The half cycle that ends here is complete.
-            let [.., from, to] = state.rainflow.points_mut() else { unreachable!("a turn needs two points") };
+            let [.., from, to] = &mut state.rainflow.points[..] else {
+                unreachable!("a turn needs two points")
+            };
             to.mark.damage = self.damage(model, from, to);
         }
         let travel = (after - before).abs();
@@ -119,7 +121,7 @@ impl StringAgeing {
         state.calendar.resistance += model.calendar_resistance.damage(&standing, days);
 
         let mut cyclic = state.cyclic;
-        if let [complete @ .., from, to] = state.rainflow.points() {
+        if let [complete @ .., from, to] = &state.rainflow.points[..] {
             // The damage of a range is with the point that ends it; the first point ends none that is open.
             let ended = complete.iter().chain(Some(from)).skip(1).map(|point| point.mark.damage);
             for damage in ended.chain(Some(self.damage(model, from, to))) {
