@@ -100,9 +100,9 @@ class _Simulation:
         }
         self._derating_law = derating_law
         plant_step_s = system.control.plant_step_s if plant_step_s is None else plant_step_s
-        step_s = _number("plant_step_s", plant_step_s, "s")
+        self._plant_step_s = _number("plant_step_s", plant_step_s, "s")
         with _refusals():
-            self.core = _core.Plant(system.core, len(states), step_s, derating_law, start)
+            self.core = _core.Plant(system.core, len(states), self._plant_step_s, derating_law, start)
 
     def __getstate__(self) -> tuple[tuple[Any, ...], PlantSnapshot]:
         """Parameters and state; the core is rebuilt."""
@@ -117,7 +117,7 @@ class _Simulation:
     @property
     def plant_step_s(self) -> float:
         """Plant step [s]."""
-        return self.core.plant_step_s
+        return self._plant_step_s
 
     def step(
         self,
@@ -228,10 +228,20 @@ class _Simulation:
         reactive = None if reactive_kvar is None else reactive_kvar.ravel()
         with _refusals():
             array = self.core.run(request_kw.ravel(), air_c.ravel(), step_s, nodes, reactive)
-        return self._flows(array, request_kw.shape, nodes=nodes)
+        return self._flows(array, request_kw.shape, nodes=nodes, reactive=reactive is not None)
 
-    def _flows(self, array: dict[str, NDArray[Any]], shape: tuple[int, ...], *, nodes: bool = False) -> Flows:
+    def _flows(
+        self,
+        array: dict[str, NDArray[Any]],
+        shape: tuple[int, ...],
+        *,
+        nodes: bool = False,
+        reactive: bool = False,
+    ) -> Flows:
         """Convert the flat arrays of the core to flows of ``shape``."""
+        cooled = self.system.cooling is not None
+        asked = {"cooling_kw": cooled, "coolant_c": cooled, "reactive_kvar": reactive}
+        array = {name: values for name, values in array.items() if asked.get(name, True)}
         node_c = array.pop("node_temperature_c")
         shared = {name: array.pop(name).reshape(shape[:-1]) for name in _WITHOUT_STRINGS if name in array}
         if len(shape) > 1:
@@ -241,7 +251,7 @@ class _Simulation:
         return Flows(
             **array,
             **shared,
-            node_temperature_c=node_c.reshape(*shape, self.core.max_nodes) if nodes else None,
+            node_temperature_c=node_c.reshape(*shape, self._nodes.max()) if nodes else None,
         )
 
 

@@ -39,8 +39,6 @@ macro_rules! record {
             /// Temperature of the coolant as it reaches the first string, at the end of the step [degC], in that order; NaN
             /// where a plant has no cooling of its own.
             pub coolant_c: Vec<f64>,
-            /// Reactive power [var], signed as its demand; empty without one.
-            pub reactive_var: Vec<f64>,
             /// Limits that were active within the step.
             pub limits: Vec<Limits>,
             /// Node temperatures at the end of the step [degC], `nodes` values for each lane; empty if not requested.
@@ -57,14 +55,12 @@ macro_rules! record {
                 (scenarios, lanes): (usize, usize),
                 nodes: usize,
                 keep_nodes: bool,
-                reactive: bool,
             ) -> Self {
                 let size = steps * lanes;
                 Self {
                     $($field: vec![0.0; size],)*
                     auxiliary_w: vec![0.0; steps * scenarios],
                     coolant_c: vec![f64::NAN; steps * scenarios],
-                    reactive_var: vec![0.0; if reactive { size } else { 0 }],
                     limits: vec![Limits::NONE; size],
                     // Strings with fewer nodes than the longest leave the rest undefined.
                     node_temperature_c: vec![f64::NAN; if keep_nodes { size * nodes } else { 0 }],
@@ -73,9 +69,10 @@ macro_rules! record {
                 }
             }
 
-            /// Flows of the lanes, and `auxiliary_w`, by name.
+            /// Flows of the lanes, `auxiliary_w` and `coolant_c`, by name.
             pub fn into_flows(self) -> Vec<(&'static str, Vec<f64>)> {
-                vec![$((stringify!($field), self.$field),)* ("auxiliary_w", self.auxiliary_w)]
+                let of_scenarios = [("auxiliary_w", self.auxiliary_w), ("coolant_c", self.coolant_c)];
+                [$((stringify!($field), self.$field),)*].into_iter().chain(of_scenarios).collect()
             }
 
             /// Adds the steps of another record of the same lanes.
@@ -83,7 +80,6 @@ macro_rules! record {
                 $(self.$field.append(&mut later.$field);)*
                 self.auxiliary_w.append(&mut later.auxiliary_w);
                 self.coolant_c.append(&mut later.coolant_c);
-                self.reactive_var.append(&mut later.reactive_var);
                 self.limits.append(&mut later.limits);
                 self.node_temperature_c.append(&mut later.node_temperature_c);
             }
@@ -94,6 +90,8 @@ macro_rules! record {
 record! {
     /// Delivered AC power [W].
     delivered_w,
+    /// Reactive power [var], signed as its demand.
+    reactive_var,
     /// Availability loss: undelivered after derating [W].
     availability_loss_w,
     /// Derating loss [W].

@@ -217,7 +217,7 @@ fn closed_loop<'py>(
     duration_s: f64,
     split: impl Fn(&Measured<'_>, usize, usize) -> Result<Vec<f64>, InputError> + Sync,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (cooled, plant) = (plant.inner.is_cooled(), &mut plant.inner);
+    let plant = &mut plant.inner;
     let n = plant.lanes() / scenarios.max(1);
     let run = || -> Result<(Option<Record>, Vec<f64>), InputError> {
         let mut record: Option<Record> = None;
@@ -250,7 +250,7 @@ fn closed_loop<'py>(
     };
     let (record, request_kw) = py.detach(run).map_err(refused)?;
     let record = record.ok_or_else(|| PyValueError::new_err("demand: needs at least one step"))?;
-    let out = to_dict(py, record, cooled)?;
+    let out = to_dict(py, record)?;
     out.set_item("request_kw", vector(py, request_kw))?;
     Ok(out)
 }

@@ -11,7 +11,7 @@ use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arrays::{kilowatts, numbers, refused, watts, GivenVector};
+use crate::arrays::{numbers, refused, watts, GivenVector};
 use crate::model::System;
 
 /// Electro-thermal plant of one or more scenarios. Arrays are flat, in the order (step, scenario, string, node).
@@ -90,18 +90,6 @@ impl Plant {
         Ok(Self { inner, system: system.inner.clone() })
     }
 
-    /// Maximum number of thermal nodes of a string.
-    #[getter]
-    fn max_nodes(&self) -> usize {
-        self.inner.max_nodes()
-    }
-
-    /// Plant step [s].
-    #[getter]
-    fn plant_step_s(&self) -> f64 {
-        self.inner.step_s()
-    }
-
     /// The whole state, as flat arrays.
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let state = self.inner.state();
@@ -143,32 +131,23 @@ impl Plant {
         let (request_w, ambient_c) = (watts(&request_kw), numbers(&ambient_c));
         let reactive_var = reactive_kvar.map(|values| watts(&values));
         let inner = &mut self.inner;
-        let mut record = py
+        let record = py
             .detach(|| inner.run(&request_w, reactive_var.as_deref(), &ambient_c, duration_s, keep_nodes))
             .map_err(refused)?;
-        let carried_var = std::mem::take(&mut record.reactive_var);
-        let out = to_dict(py, record, inner.is_cooled())?;
-        if reactive_var.is_some() {
-            out.set_item("reactive_kvar", kilowatts(carried_var).into_pyarray(py))?;
-        }
-        Ok(out)
+        to_dict(py, record)
     }
 }
 
-/// A record by name, in kW, A, degC and kWh.
-pub(crate) fn to_dict(py: Python<'_>, mut record: Record, cooled: bool) -> PyResult<Bound<'_, PyDict>> {
+/// A record by name, in kW, kvar, A, degC and kWh.
+pub(crate) fn to_dict(py: Python<'_>, mut record: Record) -> PyResult<Bound<'_, PyDict>> {
     let out = PyDict::new(py);
-    if cooled {
-        out.set_item("coolant_c", std::mem::take(&mut record.coolant_c).into_pyarray(py))?;
-    }
     let limits: Vec<u8> = record.limits.iter().map(|limits| limits.0).collect();
     out.set_item("limits", limits.into_pyarray(py))?;
     out.set_item("node_temperature_c", std::mem::take(&mut record.node_temperature_c).into_pyarray(py))?;
-    for (field, values) in
-        record.into_flows().into_iter().filter(|(field, _)| cooled || *field != "cooling_w")
-    {
+    for (field, values) in record.into_flows() {
         let (name, unit) = match field.rsplit_once('_') {
             Some((flow, "w")) => (format!("{flow}_kw"), W_PER_KW),
+            Some((flow, "var")) => (format!("{flow}_kvar"), W_PER_KW),
             Some((flow, "j")) => (format!("{flow}_kwh"), J_PER_KWH),
             _ => (field.to_owned(), 1.0),
         };

@@ -143,10 +143,8 @@ impl Block {
             let at = step * schedule.lanes + id;
             self.report(begun, lane, schedule.substeps as f64, at, record);
             record.temperature_c[at] = mean_c.0[lane];
-            if schedule.reactive_var.is_some() {
-                let sign = if schedule.reactive_var(step, id) < 0.0 { -1.0 } else { 1.0 };
-                record.reactive_var[at] = sign * begun.totals.reactive_var.0[lane] / schedule.substeps as f64;
-            }
+            let sign = Direction::of(schedule.reactive_var(step, id)).sign();
+            record.reactive_var[at] = sign * begun.totals.reactive_var.0[lane] / schedule.substeps as f64;
         }
         let duration_s = schedule.substeps as f64 * self.step_s;
         self.age(begun.soc, begun.temperature_c, duration_s, step * schedule.lanes, record);

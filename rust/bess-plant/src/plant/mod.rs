@@ -92,13 +92,8 @@ impl Plant {
     }
 
     /// Most thermal nodes of any string.
-    pub fn max_nodes(&self) -> usize {
+    fn max_nodes(&self) -> usize {
         self.strings.iter().map(|s| s.spatial.nodes).max().unwrap_or(0)
-    }
-
-    /// Plant step [s].
-    pub fn step_s(&self) -> f64 {
-        self.step_s
     }
 
     /// Advances by `request_w.len() / lanes` control steps of `duration_s`.
@@ -122,18 +117,12 @@ impl Plant {
     ) -> Result<Record, InputError> {
         let schedule = self.schedule(request_w, reactive_var, ambient_c, duration_s)?;
         let shape = (self.scenarios, schedule.lanes);
-        let (nodes, reactive) = (self.max_nodes(), reactive_var.is_some());
-        let mut record = Record::new(schedule.steps, shape, nodes, keep_nodes, reactive);
+        let mut record = Record::new(schedule.steps, shape, self.max_nodes(), keep_nodes);
         match &mut self.station {
             Some(station) => station.run(&mut self.blocks, &schedule, &mut record),
             None => self.blocks.iter_mut().for_each(|block| block.run(&schedule, &mut record)),
         }
         Ok(record)
-    }
-
-    /// Whether the plant has cooling of its own.
-    pub fn is_cooled(&self) -> bool {
-        self.station.is_some()
     }
 
     /// Text that names the scenario of a lane, where there are several.
