@@ -49,23 +49,25 @@ fn every_model_ages_a_string_and_charge_is_only_lost_where_it_says_so() {
 }
 
 #[test]
-fn an_ageing_plant_that_is_given_its_state_continues_bit_by_bit_through_numbers() {
-    for model in MODELS {
+fn a_plant_that_is_given_its_state_continues_bit_by_bit_also_through_numbers() {
+    for model in MODELS.iter().map(|model| Some(model.name)).chain([None]) {
         let request_w = requests_w(2);
         // Steps of a minute: the state holds what has gathered of a block, and reversals within it.
-        let whole = run(&mut plant(Some(model.name), None), &request_w, 60.0);
+        let whole = run(&mut plant(model, None), &request_w, 60.0);
         for cut in [1, 7, 190] {
-            let mut first = plant(Some(model.name), None);
+            let mut first = plant(model, None);
             run(&mut first, &request_w[..2 * cut], 60.0);
             let mut state = first.state();
             for own in &mut state.ageing {
                 *own = AgeingState::from_numbers(&own.to_numbers()).unwrap();
             }
             assert_eq!(state, first.state());
-            let rest = run(&mut plant(Some(model.name), Some(state)), &request_w[2 * cut..], 60.0);
+            let rest = run(&mut plant(model, Some(state)), &request_w[2 * cut..], 60.0);
             assert_eq!(rest.soh_capacity, whole.soh_capacity[2 * cut..]);
             assert_eq!(rest.soh_resistance, whole.soh_resistance[2 * cut..]);
             assert_eq!(rest.soc, whole.soc[2 * cut..]);
+            assert_eq!(rest.temperature_c, whole.temperature_c[2 * cut..]);
+            assert_eq!(rest.inverter_starts, whole.inverter_starts[2 * cut..]);
         }
     }
 }

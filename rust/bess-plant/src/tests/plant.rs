@@ -9,16 +9,12 @@ use serde_json::json;
 const STEP_S: f64 = 10.0;
 const CONTROL_S: f64 = 900.0;
 
-fn run(system: &System, scenarios: usize, state: &PlantState, request_w: &[f64]) -> Record {
+/// A run of one scenario for each repetition of the strings in `state`.
+fn run(system: &System, state: &PlantState, request_w: &[f64], asked_var: Option<&[f64]>) -> Record {
+    let scenarios = state.soc.len() / system.strings.len();
     let mut plant = Plant::new(system, scenarios, STEP_S, DeratingLaw::Table, state).unwrap();
     let steps = request_w.len() / plant.lanes();
-    plant.run(request_w, None, &vec![25.0; steps * scenarios], CONTROL_S, true).unwrap()
-}
-
-fn run_reactive(system: &System, state: &PlantState, request_w: &[f64], asked_var: &[f64]) -> Record {
-    let mut plant = Plant::new(system, 1, STEP_S, DeratingLaw::Table, state).unwrap();
-    let steps = request_w.len() / plant.lanes();
-    plant.run(request_w, Some(asked_var), &vec![25.0; steps], CONTROL_S, true).unwrap()
+    plant.run(request_w, asked_var, &vec![25.0; steps * scenarios], CONTROL_S, true).unwrap()
 }
 
 fn spread_state(system: &System, soc: &[f64], temperature_c: &[f64]) -> PlantState {
@@ -55,7 +51,7 @@ proptest! {
         let system = common::reference(5);
         let request: Vec<f64> = request.iter().zip(idle).map(|(&p, idle)| if idle { 0.0 } else { p }).collect();
         let state = spread_state(&system, &soc, &temperature_c);
-        let record = run_reactive(&system, &state, &request, &asked);
+        let record = run(&system, &state, &request, Some(&asked));
         for (at, (&asked_w, &asked_var)) in request.iter().zip(&asked).enumerate() {
             let (shed_w, derated_w) = (record.availability_loss_w[at], record.derating_loss_w[at]);
             let (delivered_w, carried_var) = (record.delivered_w[at], record.reactive_var[at]);
@@ -80,7 +76,7 @@ proptest! {
         request in prop::collection::vec(prop_oneof![9 => -92e3..=92e3, 1 => -2.0..=2.0], 15),
     ) {
         let system = common::reference(5);
-        let record = run(&system, 1, &spread_state(&system, &soc, &temperature_c), &request);
+        let record = run(&system, &spread_state(&system, &soc, &temperature_c), &request, None);
         for (at, &asked_w) in request.iter().enumerate() {
             let (shed_w, derated_w) = (record.availability_loss_w[at], record.derating_loss_w[at]);
             prop_assert!(shed_w >= 0.0 && derated_w >= 0.0);
@@ -100,11 +96,11 @@ proptest! {
         request in prop::collection::vec(-92e3..=92e3, 22),
     ) {
         let system = common::reference(11);
-        let together = run(&system, 1, &spread_state(&system, &soc, &temperature_c), &request);
+        let together = run(&system, &spread_state(&system, &soc, &temperature_c), &request, None);
         let one = common::reference(1);
         for id in 0..11 {
             let own: Vec<f64> = request.chunks(11).map(|step| step[id]).collect();
-            let alone = run(&one, 1, &spread_state(&one, &soc[id..=id], &temperature_c[id..=id]), &own);
+            let alone = run(&one, &spread_state(&one, &soc[id..=id], &temperature_c[id..=id]), &own, None);
             prop_assert_eq!(lane(&together, id), lane(&alone, 0));
         }
     }
@@ -112,11 +108,11 @@ proptest! {
     #[test]
     fn scenarios_are_plants_of_their_own(request in prop::collection::vec(-92e3..=92e3, 12)) {
         let system = common::reference(2);
-        let fleet = run(&system, 3, &common::uniform_state(&system, 3, 0.5, 40.0), &request);
+        let fleet = run(&system, &common::uniform_state(&system, 3, 0.5, 40.0), &request, None);
         for scenario in 0..3 {
             let own: Vec<f64> =
                 request.chunks(6).flat_map(|step| step[2 * scenario..2 * scenario + 2].to_vec()).collect();
-            let alone = run(&system, 1, &common::uniform_state(&system, 1, 0.5, 40.0), &own);
+            let alone = run(&system, &common::uniform_state(&system, 1, 0.5, 40.0), &own, None);
             for string in 0..2 {
                 prop_assert_eq!(lane(&fleet, 2 * scenario + string), lane(&alone, string));
             }
@@ -125,29 +121,14 @@ proptest! {
 }
 
 #[test]
-fn a_plant_that_is_given_its_state_continues_bit_by_bit() {
-    let system = common::reference(3);
-    let request: Vec<f64> = (0..3 * 40).map(|at| 1e3 * common::two_cycles_kw(at / 3)).collect();
-    let start = common::uniform_state(&system, 1, 0.5, 44.0);
-    let whole = run(&system, 1, &start, &request);
-    let mut first = Plant::new(&system, 1, STEP_S, DeratingLaw::Table, &start).unwrap();
-    first.run(&request[..60], None, &[25.0; 20], CONTROL_S, false).unwrap();
-    let mut second = Plant::new(&system, 1, STEP_S, DeratingLaw::Table, &first.state()).unwrap();
-    let rest = second.run(&request[60..], None, &[25.0; 20], CONTROL_S, false).unwrap();
-    assert_eq!(rest.temperature_c, whole.temperature_c[60..]);
-    assert_eq!(rest.soc, whole.soc[60..]);
-    assert_eq!(rest.inverter_starts, whole.inverter_starts[60..]);
-}
-
-#[test]
 fn strings_may_have_different_numbers_of_nodes() {
     let mut coarse = common::reference_string();
     coarse["thermal"]["spatial"]["nodes"] = json!(10);
     let mixed = common::system(&[coarse.clone(), common::reference_string()]);
     let state = common::uniform_state(&mixed, 1, 0.5, 25.0);
-    let record = run(&mixed, 1, &state, &[46e3, 46e3]);
+    let record = run(&mixed, &state, &[46e3, 46e3], None);
     let own = common::system(&[coarse]);
-    let alone = run(&own, 1, &common::uniform_state(&own, 1, 0.5, 25.0), &[46e3]);
+    let alone = run(&own, &common::uniform_state(&own, 1, 0.5, 25.0), &[46e3], None);
     assert_eq!(lane(&record, 0), lane(&alone, 0));
     assert!(record.node_temperature_c[10..40].iter().all(|value| value.is_nan()));
     assert!(record.node_temperature_c[40..].iter().all(|value| value.is_finite()));
@@ -181,7 +162,7 @@ fn losses_follow_apparent_power_and_the_battery_covers_those_of_active_power() {
     let system = common::reference(4);
     let state = common::uniform_state(&system, 1, 0.5, 25.0);
     let (p, q) = ([60e3, -60e3, 0.0, 0.0], [55e3, -55e3, 40e3, 0.0]);
-    let record = run_reactive(&system, &state, &p, &q);
+    let record = run(&system, &state, &p, Some(&q));
     let inverter = &system.strings[0].inverter;
     let at = |direction, p: f64, q: f64| inverter.loss(direction).at(p.hypot(q));
     let expected = [
@@ -208,7 +189,7 @@ fn losses_follow_apparent_power_and_the_battery_covers_those_of_active_power() {
 fn an_empty_and_a_full_string_carry_reactive_power_at_the_cost_of_the_grid() {
     let system = common::reference(2);
     let state = spread_state(&system, &[0.0, 1.0], &[25.0, 25.0]);
-    let record = run_reactive(&system, &state, &[50e3, -50e3], &[30e3, 30e3]);
+    let record = run(&system, &state, &[50e3, -50e3], Some(&[30e3, 30e3]));
     assert_eq!(record.reactive_var, [30e3, 30e3]);
     assert_eq!(record.soc, state.soc);
     // The empty one delivers nothing; the full one takes what its inverter loses, and nothing more.
