@@ -44,7 +44,6 @@ impl System {
 #[serde(deny_unknown_fields)]
 struct Document {
     strings: Vec<StringDocument>,
-    #[serde(default)]
     cooling: Option<Cooling>,
 }
 
@@ -69,9 +68,7 @@ struct BatteryDocument {
     _cell_mass_kg: f64,
     soc_min: f64,
     soc_max: f64,
-    #[serde(default)]
     cell_voltage_min_v: Option<f64>,
-    #[serde(default)]
     cell_voltage_max_v: Option<f64>,
     low_soc_switch: f64,
     r_scale: f64,
@@ -81,7 +78,6 @@ struct BatteryDocument {
     resistance_temperature: Option<CurveDocument>,
     resistance_soc: Option<CurveDocument>,
     resistance_table: Option<ResistanceTableDocument>,
-    #[serde(default)]
     entropy: Option<CurveDocument>,
 }
 
