@@ -69,6 +69,27 @@ def test_an_object_of_the_protocol_remembers_from_step_to_step() -> None:
     assert not request[::2, 1].any() and not request[1::2, 0].any() and request.any()
 
 
+def test_a_policy_that_writes_every_answer_into_the_same_array_is_recorded_step_by_step() -> None:
+    request = np.zeros(2)
+
+    def half_into_the_same(inputs: PolicyInput) -> np.ndarray:
+        request[:] = inputs.demand_kw[0] / 2
+        return request
+
+    study = bess.load_study("case1", SHORT)
+    same, fresh = (bess.run(study, policy=each, progress=False) for each in (half_into_the_same, half_each))
+    np.testing.assert_array_equal(same.dataset["request_kw"], fresh.dataset["request_kw"])
+
+
+def test_a_policy_cannot_change_what_the_plant_and_the_record_get() -> None:
+    def in_fahrenheit(inputs: PolicyInput) -> np.ndarray:
+        inputs.ambient_c[:] = 1.8 * inputs.ambient_c + 32.0
+        return half_each(inputs)
+
+    with pytest.raises(bess.BessError, match="'in_fahrenheit', step 0: ValueError: .*read-only"):
+        bess.run(bess.load_study("case1", SHORT), policy=in_fahrenheit, progress=False)
+
+
 def test_a_system_takes_the_place_of_that_of_the_study_and_its_initial_values_stay() -> None:
     study = bess.load_study("case1", {**SHORT, "policy.name": "equal", "system.initial_soc": 0.4})
     result = bess.run(study, system=bess.System.reference(3), progress=False)

@@ -303,7 +303,8 @@ class ClosedLoop:
         limit_kw, system = policy_input.limit_kw, self.inputs.system
         try:
             decision = self.policy(policy_input)
-            request_kw = real_numbers(decision.request_kw)
+            # A copy for the record: a policy may write every answer into the same array.
+            request_kw = real_numbers(decision.request_kw).copy()
         except Exception as error:
             kind = "" if isinstance(error, BessError) else f"{type(error).__name__}: "
             raised = InputError if isinstance(error, InputError) else BessError

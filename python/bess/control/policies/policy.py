@@ -17,7 +17,7 @@ NO_OPTIMISATION: Final = 0
 
 @dataclass(frozen=True)
 class PolicyInput:
-    """Inputs of a policy at the start of a control step.
+    """Inputs of a policy at the start of a control step; its arrays are read-only.
 
     Attributes
     ----------
@@ -50,6 +50,14 @@ class PolicyInput:
     demand_depends_on_soc: bool = False
     reactive_kvar: NDArray[np.float64] | None = None
     limit_ahead_kw: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        # Views: the arrays are those of the closed loop, whose record and plant use them after the policy.
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                view = value.view()
+                view.flags.writeable = False
+                object.__setattr__(self, name, view)
 
     @property
     def expected_limit_kw(self) -> NDArray[np.float64]:
