@@ -56,6 +56,14 @@ def test_python_cannot_write_outside_either(name, tmp_path):
         study.with_values({"name": name})
 
 
+def test_a_folder_of_something_else_is_refused_and_left_as_it_is(tmp_path):
+    (tmp_path / "notes.txt").touch()
+    study = bess.load_study("case1", {"policy.name": "equal", "run.days": 0.0625})
+    with pytest.raises(bess.InputError, match=r"holds 'notes\.txt' but no run"):
+        bess.run(study, out=tmp_path, progress=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
 def test_a_link_in_the_folder_does_not_lead_out_of_it(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "out").mkdir()

@@ -111,7 +111,7 @@ def _run_in(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool, 
     inputs = loop.inputs
     identity = provenance.identity_of(study, inputs.system, inputs.files)
     identity["frame"] = _frame(study, loop)
-    files.make_folder(directory)
+    _refuse_foreign(directory, files.make_folder(directory))  # before the lock, which is a file
     with store.locked(directory):
         if not _is_finished(directory, identity, resume=resume):
             _simulated(directory, study, loop, lambda: _assemble(directory, identity), progress=progress)
@@ -145,13 +145,17 @@ def _simulated(
     return made
 
 
+def _refuse_foreign(directory: Path, names: set[str]) -> None:
+    """Raise InputError for a folder with files, but without a run."""
+    own = {store.LOCK, store.OWNER, provenance.IDENTITY + files.TEMPORARY}
+    if provenance.IDENTITY not in names and (others := sorted(names - own)):
+        raise InputError(f"{directory}: holds {others[0]!r} but no run; use a new or empty folder")
+
+
 def _is_finished(directory: Path, identity: provenance.Identity, *, resume: bool) -> bool:
     """Check the content of the folder; write the provenance of a new run into an empty folder."""
     old = provenance.read_identity(directory)
     if old is None:
-        own = {store.LOCK, store.OWNER, provenance.IDENTITY + files.TEMPORARY}
-        if others := sorted({path.name for path in directory.iterdir()} - own):
-            raise InputError(f"{directory}: holds {others[0]!r} but no run; use a new or empty folder")
         files.write_bytes(directory / provenance.IDENTITY, json.dumps(identity, indent=1).encode())
         return False
     if changed := provenance.differences(old, identity):
