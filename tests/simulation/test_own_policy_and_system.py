@@ -86,7 +86,7 @@ def test_a_policy_cannot_change_what_the_plant_and_the_record_get() -> None:
         inputs.ambient_c[:] = 1.8 * inputs.ambient_c + 32.0
         return half_each(inputs)
 
-    with pytest.raises(bess.BessError, match="'in_fahrenheit', step 0: ValueError: .*read-only"):
+    with pytest.raises(bess.BessError, match=r"'in_fahrenheit', step 0: ValueError: .*read-only"):
         bess.run(bess.load_study("case1", SHORT), policy=in_fahrenheit, progress=False)
 
 
