@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import InputError
+from bess.units import SECONDS_PER_HOUR
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -87,6 +88,20 @@ def finite_array(name: str, values: ArrayLike) -> Array:
         place = f" at index {index if len(index) > 1 else index[0]}" if index else ""
         raise InputError(f"{name}{place} is {array[index]}; every value must be finite")
     return array
+
+
+def step_of_times(name: str, values: object) -> float | None:
+    """Return the step [h] of a pandas series with an index of times; None without times, or with only one."""
+    index = getattr(values, "index", None)
+    if index is None or not hasattr(index, "tz") or len(index) < 2:
+        return None
+    hours = np.diff(index.as_unit("ns").asi8) / (1e9 * SECONDS_PER_HOUR)
+    if not (hours[0] > 0.0 and np.all(hours == hours[0])):
+        raise InputError(
+            f"{name}: times are {hours.min():g} to {hours.max():g} h apart; give one value for each step, "
+            "in order"
+        )
+    return float(hours[0])
 
 
 def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, float], unit: str) -> Array:

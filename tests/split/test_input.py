@@ -1,6 +1,7 @@
 """Bad input to the power split: one clear error each, and nothing done."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bess
@@ -34,6 +35,20 @@ def splitter(system):
 def test_bad_demand_is_refused(splitter, demand, message):
     with pytest.raises(bess.InputError, match=message):
         splitter(bess.State(**GOOD_STATE), demand)
+
+
+@pytest.mark.parametrize("call", [bess.split_power, bess.plan_power])
+def test_a_series_of_hours_is_not_taken_for_quarter_hours(system, call):
+    state, quarters = bess.State(**GOOD_STATE), pd.date_range("2024-01-01", periods=4, freq="15min")
+    series = pd.Series([10.0] * 4, index=quarters)
+    assert call(system, state, series) == call(system, state, series.to_numpy())
+    for times, message in (
+        (quarters[0] + 4 * (quarters - quarters[0]), r"1 h apart, but a step \(dt_h\) lasts 0.25 h"),
+        (quarters[::-1], "-0.25 h apart"),
+        (quarters[[0, 1, 3, 3]], "0 to 0.5 h apart"),
+    ):
+        with pytest.raises(bess.InputError, match=message):
+            call(system, state, series.set_axis(times))
 
 
 def test_soc_outside_its_window_is_refused():

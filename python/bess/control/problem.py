@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bess import _core
-from bess.arrays import Array, finite_array
+from bess.arrays import Array, finite_array, step_of_times
 from bess.control.objectives import Costs
 from bess.errors import InputError
 from bess.system import State, System
@@ -53,6 +53,9 @@ class SplitProblem:
                 f"demand_kw has shape {demand.shape}, but the split is for a horizon of {n_steps} steps; "
                 "give one value for each step, or build a PowerSplit with that horizon"
             )
+        step_h = step_of_times("demand_kw", demand_kw)
+        if step_h is not None and not np.isclose(step_h, dt_h):
+            raise InputError(f"demand_kw: times are {step_h:g} h apart, but a step (dt_h) lasts {dt_h:g} h")
         limit = _limits(system, n_steps, limit_kw)
         largest = limit.sum(axis=0)
         asked = np.minimum(np.maximum(demand, -largest), largest)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from bess.arrays import Array, ByValue, finite_array, one_number, require_positive
+from bess.arrays import Array, ByValue, finite_array, one_number, require_positive, step_of_times
 from bess.dispatch.program import StoreProgram
 from bess.display import as_table, one_line
 from bess.errors import InputError
-from bess.units import KWH_PER_MWH, SECONDS_PER_HOUR
+from bess.units import KWH_PER_MWH
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -162,13 +162,5 @@ def price_steps(prices: Any, dt_h: float) -> tuple[Array, float]:
     price = finite_array("prices", prices)
     if price.ndim != 1 or price.size == 0:
         raise InputError(f"prices have shape {price.shape}; give one value for each step, at least one")
-    index = getattr(prices, "index", None)
-    if index is None or not hasattr(index, "tz") or price.size == 1:
-        return price, dt_h
-    hours = np.diff(index.as_unit("ns").asi8) / (1e9 * SECONDS_PER_HOUR)
-    if not (hours[0] > 0.0 and np.all(hours == hours[0])):
-        raise InputError(
-            f"prices: times are {hours.min():g} to {hours.max():g} h apart; give one value for each step, "
-            "in order (bess.read_prices fills gaps)"
-        )
-    return price, float(hours[0])
+    step_h = step_of_times("prices", prices)
+    return price, dt_h if step_h is None else step_h

@@ -63,7 +63,8 @@ def plan_power(
     state : State
         Measured state of every string.
     demand_kw : array_like, shape (n_steps,)
-        Demand on the plant [kW], positive = discharge; 1 to 2,880 steps.
+        Demand on the plant [kW], positive = discharge; 1 to 2,880 steps. Times of a pandas series must be
+        ``dt_h`` apart.
     objectives : Objectives, optional
         Of kind ``energy``, the default.
     dt_h : float
@@ -93,8 +94,7 @@ def plan_power(
             f'objectives of kind "{goals.kind}" with {len(goals.groups)} priorities: plan_power minimises '
             "one sum in kWh; use bess.Objectives.energy(), or bess.split_power for priorities"
         )
-    demand = demand_of_steps(demand_kw)
-    n_steps = demand.size
+    n_steps = demand_of_steps(demand_kw).size
     planner = planner_of_known_demand(system, n_steps, dt_h)
     prices = PlanPrices.energy(goals, system.n_strings, n_steps)
-    return planner(state, demand, prices, ambient_c=ambient_c, limit_kw=limit_kw)
+    return planner(state, demand_kw, prices, ambient_c=ambient_c, limit_kw=limit_kw)

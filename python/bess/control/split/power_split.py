@@ -151,6 +151,7 @@ class PowerSplit(Checkpointed):
             Measured state of every string.
         demand_kw : array_like, shape (n_steps,)
             Demand on the plant [kW], positive = discharge; demand above the limits is reported as unmet.
+            Times of a pandas series must be ``dt_h`` apart.
         ambient_c : float or array_like, shape (n_steps,), optional
             Ambient temperature [degC]; the system's by default. For a system with cooling, the temperature
             that its strings cool towards (:meth:`~bess.System.surroundings_c`).
@@ -234,8 +235,8 @@ def split_power(
     .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
        for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
-    demand = demand_of_steps(demand_kw)
-    return PowerSplit(system, demand.size, objectives, dt_h, gap, time_limit_s, node_limit)(state, demand)
+    n_steps = demand_of_steps(demand_kw).size
+    return PowerSplit(system, n_steps, objectives, dt_h, gap, time_limit_s, node_limit)(state, demand_kw)
 
 
 def _status(certificate: Certificate) -> SplitStatus:
