@@ -83,9 +83,17 @@ BAD = {
     "no strings": (b'{"demand_kw": 5}', "strings: missing"),
     "no demand": (b'{"strings": []}', "demand_kw: missing"),
     "text": (b'{"demand_kw": "5", "strings": []}', "demand_kw = '5': must be a number"),
+    "no numbers": (
+        b'{"demand_kw": [], "strings": []}',
+        "demand_kw: must be a number or a list of at least 1, not of 0",
+    ),
+    "second number": (
+        b'{"demand_kw": [5, 1e7], "strings": []}',
+        "demand_kw[1] = 10000000.0: must be in [-1e+06, 1e+06] kW",
+    ),
+    "no list": (b'{"demand_kw": 5, "strings": 3}', "strings = 3: must be a list"),
     "truth": (b'{"demand_kw": true, "strings": []}', "demand_kw = True: must be a number"),
     "huge": (b'{"demand_kw": 1e9, "strings": [{"soc": 0.5}, {"soc": 0.5}]}', "[-1e+06, 1e+06] kW"),
-    "empty list": (b'{"demand_kw": [], "strings": [{"soc": 0.5}, {"soc": 0.5}]}', "demand_kw"),
     "one string": (b'{"demand_kw": 5, "strings": [{"soc": 0.5}]}', "1 entries for a system of 2 strings"),
     "soc": (b'{"demand_kw": 5, "strings": [{"soc": 50}, {"soc": 0.5}]}', "strings[0].soc = 50"),
     "no soc": (b'{"demand_kw": 5, "strings": [{}, {"soc": 0.5}]}', "strings[0].soc: missing"),

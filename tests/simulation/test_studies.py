@@ -163,6 +163,7 @@ def test_initial_values_are_one_for_all_strings_or_one_for_each() -> None:
         ({"policy.horizon_steps": 0}, "policy.horizon_steps"),
         ({"system.initial_soc": [0.5, 0.5, 0.5]}, "system.initial_soc: 3 values for 2 strings"),
         ({"system.initial_soc": 1.2}, "system.initial_soc"),
+        ({"system.initial_soc": [0.5, 2.0]}, "case1: system.initial_soc[1] = 2.0: must be in [0, 1]"),
         ({"system.parameters.battery.r_scale": -1.0}, "system.parameters: reference: battery.r_scale = -1"),
         ({"system.file": "referenz"}, "referenz"),
         ({"demand.scale": "two"}, "demand.scale"),
@@ -227,7 +228,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
         (MINIMAL + "[[sweep]]\nkey = 'policy.gap'\n", "an axis is key + values"),
         (
             MINIMAL + "[[sweep]]\nkey = 'policy.gap'\nvalues = []\n",
-            "sweep[0].values: has 0 of at least 1 values",
+            "sweep[0].values: must be a list of at least 1, not of 0",
         ),
         (
             MINIMAL + "[[scenario]]\nname = 'a'\nset = { name = 'b' }\n",

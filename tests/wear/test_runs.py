@@ -111,7 +111,7 @@ def test_the_end_of_life_is_an_event_of_its_string_and_the_run_goes_on() -> None
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"wear.model": "rust"}, "is no model of ageing; there are none, throughput, kokam-75ah"),
+        ({"wear.model": "rust"}, "is no model of ageing; allowed: none, throughput, kokam-75ah"),
         ({"wear.model": "throughput"}, 'model = "throughput" needs eur_per_mwh'),
         ({"wear.end_of_life": 1.0}, "wear.end_of_life = 1.0: must be in [0, 1)"),
         ({"system.initial_soh_capacity": [1.0, 0.001]}, "must be in [0.01, 1.5]"),

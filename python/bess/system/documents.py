@@ -16,7 +16,8 @@ _MAX_DEPTH = 12
 _MAX_BYTES = 20 * 2**20
 _SHOWN_PROBLEMS = 4
 _PLAIN_WORDS = {
-    "too_short": "has {actual_length} of at least {min_length} values",
+    "too_short": "must be a list of at least {min_length}, not of {actual_length}",
+    "too_long": "must be a list of at most {max_length}, not of {actual_length}",
     "extra_forbidden": "unknown key",
     "missing": "missing",
     "float_type": "must be a number",
@@ -26,7 +27,7 @@ _PLAIN_WORDS = {
     "finite_number": "must be a finite number",
     "string_type": "must be a text",
     "tuple_type": "must be a list",
-    "list_type": "a list",
+    "list_type": "must be a list",
     "bool_type": "must be true or false",
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
@@ -88,7 +89,11 @@ def describe(
     most similar key of the same table.
     """
     problems: dict[str, list[str]] = {}
-    for problem in found:
+    places = [_without_kinds(problem["loc"]) for problem in found]
+    holders = {place[:depth] for place in places for depth in range(len(place))}
+    for problem, place in zip(found, places, strict=True):
+        if place in holders:
+            continue  # from an alternative to the list or table that holds another problem
         unknown = problem["type"] == "extra_forbidden"
         path = ""
         for part in problem["loc"]:
@@ -104,7 +109,10 @@ def describe(
         if unknown and model is not None:
             message += _remedy(problem["loc"], model, key)
         problems.setdefault(key + ("" if unknown else _shown(problem["input"])), []).append(message)
-    sentences = [f"{key}: {' or '.join(messages)}".removeprefix(": ") for key, messages in problems.items()]
+    sentences = [
+        f"{key}: {' or '.join(messages).replace(' or must be ', ' or ')}".removeprefix(": ")
+        for key, messages in problems.items()
+    ]
     if len(sentences) > _SHOWN_PROBLEMS:
         more = len(sentences) - _SHOWN_PROBLEMS
         sentences[_SHOWN_PROBLEMS:] = [f"and {more} more problem{'s' if more > 1 else ''}"]
@@ -134,6 +142,10 @@ def _parts(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for argument in get_args(annotation):
         yield from _parts(argument)
+
+
+def _without_kinds(place: Sequence[str | int]) -> tuple[str | int, ...]:
+    return tuple(part for part in place if isinstance(part, int) or not _is_kind(part))
 
 
 def _is_kind(part: str) -> bool:

@@ -98,7 +98,7 @@ RateAxis = Annotated[tuple[Ratio, ...], Field(min_length=1), AfterValidator(asce
 def _is_ageing_model(name: str) -> str:
     known = ["none", "throughput", *(model for model, _ in ageing_models())]
     if name not in known:
-        raise ValueError(f"is no model of ageing; there are {', '.join(known)}")
+        raise ValueError(f"is no model of ageing; allowed: {', '.join(known)}")
     return name
 
 

@@ -57,7 +57,8 @@ def unmet(demand_kw: float, request_kw: Array) -> float:
 def status(unmet_kw: float, demand_kw: float, has_plan: bool, plan_error: str) -> str:
     """Return the status sentence of an answer."""
     if unmet_kw > 0.0:
-        return f"{unmet_kw:.4g} kW of {demand_kw:.4g} kW cannot be met; see the reasons of the strings."
+        missing, demand = (f"{kw:.4g}" if abs(kw) < 1e4 else f"{kw:.0f}" for kw in (unmet_kw, demand_kw))
+        return f"{missing} kW of {demand} kW cannot be met; see the reasons of the strings."
     if not has_plan:
         why = f" ({plan_error})" if plan_error else ""
         return f"Shared at minimum loss of this step; there is no plan yet{why}."
