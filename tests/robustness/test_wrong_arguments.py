@@ -1,5 +1,7 @@
 """Public functions answer wrong arguments with one sentence, not with an error of NumPy or a plan."""
 
+from threading import Thread
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -97,3 +99,14 @@ def test_inverters():
     coefficients = dict.fromkeys(("paco_w", "pdco_w", "vdco_v", "pso_w", "c0_per_w", "c1_per_v"), 1.0)
     with pytest.raises(bess.InputError, match=r"Sandia coefficients: C2 must be .*NoneType"):
         bess.inverter_from_sandia(**coefficients, c2_per_v=None, c3_per_v=0.0)
+
+
+def test_a_plant_belongs_to_one_thread():
+    """Calls of a second thread failed with a RuntimeError of the binding, "Already borrowed"."""
+    plant = bess.Plant(SYSTEM, STATE)
+    month = Thread(target=plant.run, args=(np.zeros((2880, 2)),))
+    month.start()
+    with pytest.raises(bess.BessError, match="another thread is advancing it"):
+        while month.is_alive():
+            plant.state  # noqa: B018
+    month.join()

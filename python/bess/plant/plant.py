@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from bess import _core
 from bess.arrays import Array, Flags, number_array
 from bess.display import as_table, few, one_line
-from bess.errors import InputError
+from bess.errors import BessError, InputError
 from bess.plant.flows import Flows, PlantSnapshot
 from bess.system import State, System
 
@@ -40,11 +40,13 @@ class CoreController(Protocol):
 
 @contextmanager
 def _refusals() -> Iterator[None]:
-    """Convert a ``ValueError`` of the core to :class:`InputError`."""
+    """Convert an error of the core to one of the package."""
     try:
         yield
     except ValueError as error:
         raise InputError(f"plant: {error}") from error
+    except RuntimeError as error:  # the core is borrowed
+        raise BessError("plant: another thread is advancing it; give each thread its own plant") from error
 
 
 def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: str) -> Array:
@@ -178,7 +180,7 @@ class _Simulation:
         """Return the complete state, for :meth:`restore`."""
         several, shapes = (*self._shape, -1), {"coolant": (*self._lead, -1)}
         shapes |= {"node_temperature_c": several, "ageing": several}
-        flat = self.core.state()
+        flat = self._core_state()
         arrays = {name: values.reshape(shapes.get(name, self._shape)) for name, values in flat.items()}
         return PlantSnapshot(**arrays)
 
@@ -194,9 +196,13 @@ class _Simulation:
         with _refusals():
             self.core.set_state(flat)
 
+    def _core_state(self) -> dict[str, NDArray[Any]]:
+        with _refusals():
+            return self.core.state()
+
     def _states(self) -> list[State]:
         """Measured state of each scenario."""
-        flat, shape = self.core.state(), (self._scenarios, self._shape[-1])
+        flat, shape = self._core_state(), (self._scenarios, self._shape[-1])
         node_c = flat["node_temperature_c"].reshape(*shape, -1)
         mean_c = node_c.sum(axis=2, where=self._real) / self._nodes
         rows = flat["ageing"].reshape(*shape, -1)
