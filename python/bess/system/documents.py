@@ -132,8 +132,12 @@ def _remedy(loc: Sequence[str | int], model: type[BaseModel], shown: str) -> str
         ]
         models = [part for field in fields for part in _parts(field.annotation)]
     allowed = sorted({name for each in models for name in each.model_fields})
-    # A key of another kind of demand is not a typing error.
-    return "" if key in allowed else f"; {nearest(key, allowed, shown.removesuffix(key))}"
+    if key not in allowed:
+        return f"; {nearest(key, allowed, shown.removesuffix(key))}"
+    # Not a typing error, but a key of another kind of demand.
+    owners = [each.model_fields["kind"] for each in models if {key, "kind"} <= each.model_fields.keys()]
+    kinds = [repr(kind) for owner in owners for kind in get_args(owner.annotation)]
+    return f"; it is a key of kind {' or '.join(dict.fromkeys(kinds))}" if kinds else ""
 
 
 def _parts(annotation: Any) -> Iterator[type[BaseModel]]:
