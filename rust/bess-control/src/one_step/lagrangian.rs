@@ -169,29 +169,18 @@ pub(crate) fn maximise(
     let steepest = curves.iter().map(StringCost::steepest).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
     let mut open = Vec::with_capacity(curves.len());
     let mut at = |price: f64| at_price(curves, commitment, demand_w, price, &mut open, |_, _, _| ());
-    let first = at(guess);
-    let (mut low, mut high) = (None, None);
-    let mut step = 0.1 * steepest;
-    let mut price = guess;
-    let below = |point: &DualPoint| point.total_w < demand_w * (1.0 - ROUNDING);
-    let sort = |point: DualPoint, low: &mut Option<DualPoint>, high: &mut Option<DualPoint>| {
-        let side = if below(&point) { low } else { high };
-        *side = Some(point);
-    };
-    sort(first, &mut low, &mut high);
-    let mut used = 1;
-    while (low.is_none() || high.is_none()) && used < MAX_PRICES {
-        price += if high.is_none() { step } else { -step };
-        step *= 2.0;
-        sort(at(price), &mut low, &mut high);
-        used += 1;
-    }
-    let (mut low, mut high) = match (low, high) {
-        (Some(low), Some(high)) => (low, high),
-        (Some(only), None) | (None, Some(only)) => return close(curves, commitment, demand_w, only, only),
-        (None, None) => unreachable!("one price was tried"),
-    };
-    while used < MAX_PRICES {
+    let (mut price, mut step) = (guess, 0.1 * steepest);
+    // The nearest points whose totals are below the demand, and at or above it.
+    let mut sides: [Option<DualPoint>; 2] = [None; 2];
+    for used in 1..=MAX_PRICES {
+        let point = at(price);
+        let is_low = point.total_w < demand_w * (1.0 - ROUNDING);
+        sides[usize::from(!is_low)] = Some(point);
+        let [Some(low), Some(high)] = sides else {
+            price += if is_low { step } else { -step };
+            step *= 2.0;
+            continue;
+        };
         let (miss_low, miss_high) = (demand_w - low.total_w, high.total_w - demand_w);
         if miss_high <= 0.0 {
             break;
@@ -205,15 +194,10 @@ pub(crate) fn maximise(
         }
         let secant = miss_low / (miss_low + miss_high) * width;
         let share = if used % 2 == 0 { meet } else { secant };
-        let share = if share > 0.0 && share < width { share } else { 0.5 * width };
-        let point = at(low.price + share);
-        used += 1;
-        if below(&point) {
-            low = point;
-        } else {
-            high = point;
-        }
+        price = low.price + if share > 0.0 && share < width { share } else { 0.5 * width };
     }
+    let [low, high] =
+        [sides[0].or(sides[1]), sides[1].or(sides[0])].map(|side| side.expect("one price was tried"));
     close(curves, commitment, demand_w, low, high)
 }
 
