@@ -293,7 +293,7 @@ impl ControlHorizon {
         let answer = py
             .detach(|| self.inner.tighten(&request_w, &costs, shed_budget_kw * W_PER_KW))
             .map_err(refused)?;
-        let may_shed = matrix(py, self.inner.n_strings(), answer.may_shed);
+        let may_shed = matrix(py, self.inner.n_strings(), self.inner.may_shed(&answer.boxes));
         Ok((answer.bound, self.boxes(answer.boxes), may_shed))
     }
 

@@ -68,7 +68,14 @@ impl ControlHorizon {
             if !optima.is_empty() && values != [0.0; 2] {
                 let proven = proof.as_mut().and_then(|proof| proof.groups.get_mut(group)?.take());
                 let tightened = proven.unwrap_or_else(|| self.tightened(flows, &costs[0], budgets_w[0]));
-                self.freeze(&mut bounds, &tightened.may_shed, flows, &optima[group], &costs[1], budgets_w[1]);
+                self.freeze(
+                    &mut bounds,
+                    &self.may_shed(&tightened.boxes),
+                    flows,
+                    &optima[group],
+                    &costs[1],
+                    budgets_w[1],
+                );
                 (bounds.bound, bounds.boxes) = (tightened.bound, tightened.boxes);
             }
             let ceilings = [bounds.ceiling, bounds.search_ceiling];

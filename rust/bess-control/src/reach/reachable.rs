@@ -20,7 +20,7 @@ impl ControlHorizon {
     }
 
     /// Whether a string may have availability loss in a step, `(M, T)`, with states in these boxes, `(M, T + 1)`.
-    pub(crate) fn may_shed(&self, boxes: &[StateBox]) -> Vec<bool> {
+    pub fn may_shed(&self, boxes: &[StateBox]) -> Vec<bool> {
         let n_steps = self.n_steps();
         let cells = (0..self.n_strings()).flat_map(|m| (0..n_steps).map(move |t| (m, t)));
         let sheds = |(m, t): (usize, usize)| {

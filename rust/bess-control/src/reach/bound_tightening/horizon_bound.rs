@@ -65,11 +65,6 @@ impl<'a> OperatingRanges<'a> {
         Self { horizon, boxes, ranges, planes, cells }
     }
 
-    /// Whether a string may have availability loss in a step, `(M, T)`.
-    pub(super) fn may_shed(&self) -> Vec<bool> {
-        self.cells.iter().map(Cell::may_shed).collect()
-    }
-
     /// Index of a string and a step in arrays `(M, T)`.
     pub(super) fn at(&self, m: usize, t: usize) -> usize {
         m * self.horizon.n_steps() + t

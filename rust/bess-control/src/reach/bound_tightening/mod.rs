@@ -34,8 +34,6 @@ pub struct TightenedBounds {
     pub bound: f64,
     /// States at the start of each step and at the end of the last, `(M, T + 1)`.
     pub boxes: Vec<StateBox>,
-    /// Whether availability loss is possible, `(M, T)`.
-    pub may_shed: Vec<bool>,
 }
 
 /// The reference schedule: its cost, the states at the start of its steps `(M, T)`, and the decrease of its cost with `V^2 / R`
@@ -67,10 +65,9 @@ impl ControlHorizon {
 
     /// [`Self::tighten`] without checks, of a schedule that was rolled out.
     pub(crate) fn tightened(&self, flows: &[Flow], costs: &[Losses], shed_budget_w: f64) -> TightenedBounds {
-        let mut best = TightenedBounds { bound: 0.0, boxes: self.reachable(), may_shed: vec![] };
+        let mut best = TightenedBounds { bound: 0.0, boxes: self.reachable() };
         if !costs.iter().any(Losses::any_while_running) {
             // Only availability loss has a cost: all states have the same value.
-            best.may_shed = self.may_shed(&best.boxes);
             return best;
         }
         let reference = self.reference(flows, costs);
@@ -79,8 +76,7 @@ impl ControlHorizon {
         let no_prices = vec![0.0; flows.len()];
         let (mut last, mut priced) = (f64::INFINITY, reference.scale_price == no_prices);
         for _ in 0..ROUNDS {
-            let boxes = std::mem::take(&mut best.boxes);
-            let operating = OperatingRanges::new(self, &boxes, &reference.states);
+            let operating = OperatingRanges::new(self, &best.boxes, &reference.states);
             let bounded = |scale_price: &[f64]| {
                 let horizon_bound = HorizonBound::new(&operating, costs, scale_price, shed_budget_w);
                 (horizon_bound.bound - horizon_bound.saved(shed_budget_w, cheapest_shed), horizon_bound)
@@ -98,19 +94,15 @@ impl ControlHorizon {
             best.bound = best.bound.max(bound - ROUNDING * cutoff).min(cutoff);
             let slack = cutoff - bound + ROUNDING * cutoff;
             if slack <= MIN_RELATIVE_SLACK * cutoff || slack > MAX_REMAINING_SLACK * last {
-                best.may_shed = operating.may_shed();
-                best.boxes = boxes;
-                return best;
+                break;
             }
             last = slack;
-            match Tightening::new(&horizon_bound, slack).narrowed() {
-                Some(boxes) => best.boxes = boxes,
-                None => {
-                    return TightenedBounds { bound: cutoff, may_shed: operating.may_shed(), boxes };
-                }
-            }
+            let Some(boxes) = Tightening::new(&horizon_bound, slack).narrowed() else {
+                best.bound = cutoff;
+                break;
+            };
+            best.boxes = boxes;
         }
-        best.may_shed = self.may_shed(&best.boxes);
         best
     }
 
