@@ -145,7 +145,7 @@ RUST = [
     ("nodes: half of the demand is left to the others", f"{REACH}/node.rs", "self.demand_w[t] - others_low + slack_w", "0.5 * (self.demand_w[t] - others_low) + slack_w"),
     ("nodes: what others have to shed is left out", f"{REACH}/node.rs", "let others_w = min_w - cell.shed_w.low;", "let others_w = min_w;"),
     ("reach: heat by the smaller current", f"{REACH}/cell.rs", "(current.high * current.high).max(current.low * current.low)", "(current.high * current.high).min(current.low * current.low)"),
-    ("reach: the weakest limit is the strongest", f"{REACH}/cell.rs", "low: largest(v.low, r.high, room.low)", "low: largest(v.high, r.low, room.low)"),
+    ("reach: the weakest limit is the strongest", f"{REACH}/cell.rs", "low: power(v.low, r.high, room.low.min(strongest.low))", "low: power(v.high, r.low, room.low.min(strongest.low))"),
     ("reach: parts of a box are left out", f"{REACH}/cell.rs", "fold(Cell::NONE, |all, cell| all.union(&cell))", "fold(Cell::NONE, |_, cell| cell)"),
     ("least cost: shedding is paid twice", f"{REACH}/step_bounds.rs", "let saved = (shed_slope - shed_cost).max(0.0);", "let saved = (shed_slope - 2.0 * shed_cost).max(0.0);"),
     ("bound tightening: shedding saves half", f"{REACH}/bound_tightening/horizon_bound.rs", "saved += slope * shed_w;", "saved += 0.5 * slope * shed_w;"),

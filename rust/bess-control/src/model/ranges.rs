@@ -29,6 +29,20 @@ impl Range {
         Self { low: self.low.max(other.low), high: self.high.min(other.high) }
     }
 
+    /// Negative if it is empty.
+    pub(crate) fn width(&self) -> f64 {
+        self.high - self.low
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.low > self.high
+    }
+
+    /// Whether every number of the other is in this one.
+    pub(crate) fn contains(&self, other: &Self) -> bool {
+        self.low <= other.low && other.high <= self.high
+    }
+
     /// The knots strictly inside.
     pub(crate) fn inside<'k>(&self, knots: &'k [f64]) -> impl Iterator<Item = f64> + 'k {
         let Self { low, high } = *self;
@@ -73,6 +87,23 @@ impl StateBox {
             soc: self.soc.intersection(&other.soc),
             temperature_c: self.temperature_c.intersection(&other.temperature_c),
         }
+    }
+
+    /// The smallest box that contains both.
+    pub(crate) fn union(&self, other: &Self) -> Self {
+        Self {
+            soc: self.soc.union(&other.soc),
+            temperature_c: self.temperature_c.union(&other.temperature_c),
+        }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.soc.is_empty() || self.temperature_c.is_empty()
+    }
+
+    /// Whether every state of the other is in this one.
+    pub(crate) fn contains(&self, other: &Self) -> bool {
+        self.soc.contains(&other.soc) && self.temperature_c.contains(&other.temperature_c)
     }
 }
 

@@ -36,7 +36,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    const NONE: Self = Self {
+    pub(super) const NONE: Self = Self {
         derating: Range::EMPTY,
         delivered_w: Range::EMPTY,
         may_be_off: false,
@@ -59,10 +59,7 @@ impl Cell {
             current_a: self.current_a.union(&other.current_a),
             heat_w: self.heat_w.union(&other.heat_w),
             shed_soc: self.shed_soc.union(&other.shed_soc),
-            end: StateBox {
-                soc: self.end.soc.union(&other.end.soc),
-                temperature_c: self.end.temperature_c.union(&other.end.temperature_c),
-            },
+            end: self.end.union(&other.end),
         }
     }
 
@@ -96,26 +93,20 @@ impl StringModel {
         max_shed_w: f64,
     ) -> Option<(Cell, Range, Range)> {
         let slack_w = REQUEST_ROUNDING * self.nominal_w();
-        let fits = |cell: &Cell| {
-            overlap(&cell.end.soc, &end.soc)
-                && overlap(&cell.end.temperature_c, &end.temperature_c)
-                && cell.shed_w.low <= max_shed_w + slack_w
-        };
+        let fits =
+            |cell: &Cell| !cell.end.intersection(end).is_empty() && cell.shed_w.low <= max_shed_w + slack_w;
         let (mut all, mut soc, mut requests) = (Cell::NONE, Range::EMPTY, Range::EMPTY);
         for part in soc_parts(states) {
             let ranges = self.ranges(interval.direction, &part);
             let whole = self.cell_of_part(&part, &ranges, requests_w, interval);
-            let within = whole.shed_w.high <= max_shed_w
-                && contains(&end.soc, &whole.end.soc)
-                && contains(&end.temperature_c, &whole.end.temperature_c);
-            if within {
+            if whole.shed_w.high <= max_shed_w && end.contains(&whole.end) {
                 (all, soc, requests) = (all.union(&whole), soc.union(&part.soc), *requests_w);
                 continue;
             }
             if !fits(&whole) {
                 continue;
             }
-            let width = (requests_w.high - requests_w.low).max(0.0);
+            let width = requests_w.width().max(0.0);
             let n = if width > slack_w { SLICES } else { 1 };
             for i in 0..n {
                 let at = |i: usize| requests_w.low + width * i as f64 / n as f64;
@@ -126,7 +117,7 @@ impl StringModel {
                 }
             }
         }
-        (soc.low <= soc.high).then_some((all, soc, requests))
+        (!soc.is_empty()).then_some((all, soc, requests))
     }
 
     /// Smallest and largest current that fills (empties) a string within a step [A].
@@ -153,30 +144,23 @@ impl StringModel {
         }
     }
 
-    /// Smallest and largest limit of the AC power over a box [W].
-    fn limits(&self, c: &CoefficientRanges, room: &Range, direction: Direction) -> Range {
+    /// Smallest and largest limit of the AC power over a box, from the currents that `room` and `strongest` return [W].
+    fn limits(&self, c: &CoefficientRanges, room: &Range, strongest: &Range, direction: Direction) -> Range {
         let (v, r) = (c.voltage_v, c.resistance_ohm);
-        let of_voltage = |v: f64, r: f64| self.parameters.voltage_current_a(direction, v, r);
-        let curve = self.loss(direction);
+        let power = |v: f64, r: f64, current: f64| {
+            self.loss(direction).largest_power(current * (v - direction.sign() * (r * current)))
+        };
         match direction {
             // The limit by the headroom rises with V and R, the voltage limit falls.
-            Direction::Charge => {
-                let internal = |v: f64, r: f64, current: f64| current * (v + r * current);
-                let by_room = |v, r, room| curve.largest_power(internal(v, r, room));
-                let by_voltage = |v, r| curve.largest_power(internal(v, r, of_voltage(v, r)));
-                Range {
-                    low: by_room(v.low, r.low, room.low).min(by_voltage(v.high, r.high)),
-                    high: by_room(v.high, r.high, room.high).min(by_voltage(v.low, r.low)),
-                }
-            }
+            Direction::Charge => Range {
+                low: power(v.low, r.low, room.low).min(power(v.high, r.high, strongest.low)),
+                high: power(v.high, r.high, room.high).min(power(v.low, r.low, strongest.high)),
+            },
             // All rise with V and fall with R.
-            Direction::Discharge => {
-                let largest = |v: f64, r: f64, room: f64| {
-                    let current = room.min(0.5 * v / r).min(of_voltage(v, r));
-                    curve.largest_power(current * (v - r * current))
-                };
-                Range { low: largest(v.low, r.high, room.low), high: largest(v.high, r.low, room.high) }
-            }
+            Direction::Discharge => Range {
+                low: power(v.low, r.high, room.low.min(strongest.low)),
+                high: power(v.high, r.low, room.high.min(strongest.high)),
+            },
         }
     }
 
@@ -195,7 +179,7 @@ impl StringModel {
             high: (c.derating.high * requests_w.high).max(0.0),
         };
         let (room, strongest) = (self.room(states, direction, interval.dt_h), self.strongest(c, direction));
-        let limit = self.limits(c, &room, direction);
+        let limit = self.limits(c, &room, &strongest, direction);
         // Power below the minimum power is zero.
         let is_none = |power_w: f64| power_w <= 0.0 || power_w < self.min_power_w();
         let mut cell = Cell {
@@ -323,14 +307,6 @@ impl StringModel {
 const SLICES: usize = 4;
 /// Outward rounding of requests, relative to the nominal power.
 pub(super) const REQUEST_ROUNDING: f64 = 1e-9;
-
-fn overlap(a: &Range, b: &Range) -> bool {
-    a.low <= b.high && b.low <= a.high
-}
-
-fn contains(outer: &Range, inner: &Range) -> bool {
-    outer.low <= inner.low && inner.high <= outer.high
-}
 
 /// Parts of a box divided at the borders.
 fn soc_parts(states: &StateBox) -> impl Iterator<Item = StateBox> + '_ {

@@ -33,7 +33,7 @@ impl ControlHorizon {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let budget_w = budget_w * (1.0 + BUDGET_ROUNDING);
         let mut node = node.untightened();
-        let mut cells: Vec<Option<Cell>> = vec![None; n_strings * n_steps];
+        let mut cells = vec![Cell::NONE; n_strings * n_steps];
         let most = |may_shed: &bool| if *may_shed { budget_w } else { 0.0 };
         let mut max_shed_w: Vec<f64> = node.may_shed.iter().map(most).collect();
         for pass in 0..PASSES {
@@ -50,26 +50,25 @@ impl ControlHorizon {
                     let from = (&node.boxes[b], &node.requests_w[i]);
                     let (cell, soc, requests_w) =
                         string.cell_towards(from, interval, &node.boxes[b + 1], max_shed_w[i])?;
-                    gain = gain.max(width(&node.boxes[b].soc) - width(&soc));
-                    gain = gain.max((width(&node.requests_w[i]) - width(&requests_w)) / limit_w);
+                    gain = gain.max(node.boxes[b].soc.width() - soc.width());
+                    gain = gain.max((node.requests_w[i].width() - requests_w.width()) / limit_w);
                     node.boxes[b].soc = soc;
                     let end = node.boxes[b + 1].intersection(&cell.end);
-                    if end.soc.low > end.soc.high || end.temperature_c.low > end.temperature_c.high {
+                    if end.is_empty() {
                         return None;
                     }
-                    gain = gain.max(width(&node.boxes[b + 1].soc) - width(&end.soc));
+                    gain = gain.max(node.boxes[b + 1].soc.width() - end.soc.width());
                     node.boxes[b + 1] = end;
                     node.requests_w[i] = requests_w;
-                    cells[i] = Some(cell);
+                    cells[i] = cell;
                 }
             }
-            let min_w: f64 = cells.iter().flatten().map(|cell| cell.shed_w.low).sum();
+            let min_w: f64 = cells.iter().map(|cell| cell.shed_w.low).sum();
             if min_w > budget_w + REQUEST_ROUNDING * self.string(0).nominal_w() {
                 return None;
             }
             for (i, cell) in cells.iter().enumerate() {
                 let m = i / n_steps;
-                let cell = cell.as_ref()?;
                 let others_w = min_w - cell.shed_w.low;
                 max_shed_w[i] = max_shed_w[i].min(budget_w - others_w).min(cell.shed_w.high).max(0.0);
                 // A request is the sum of delivered power, derating loss and availability loss.
@@ -91,7 +90,7 @@ impl ControlHorizon {
         for t in 0..n_steps {
             self.balance(&mut node.requests_w, t)?;
         }
-        Some(Node { cells: cells.into_iter().collect::<Option<_>>()?, max_shed_w, ..node })
+        Some(Node { cells, max_shed_w, ..node })
     }
 
     /// Tightens the requests of a step to the demand minus the ranges of the other strings; None if infeasible.
@@ -170,8 +169,4 @@ impl Node {
         // As many more boxes than requests as there are strings.
         self.requests_w.len() / (self.boxes.len() - self.requests_w.len()).max(1)
     }
-}
-
-fn width(range: &Range) -> f64 {
-    range.high - range.low
 }

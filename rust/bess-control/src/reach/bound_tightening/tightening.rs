@@ -97,7 +97,7 @@ impl<'a> Tightening<'a> {
                 now.temperature_c = now.temperature_c.intersection(&Range { low, high });
                 kept *= keep;
             }
-            if now.soc.low > now.soc.high || now.temperature_c.low > now.temperature_c.high {
+            if now.is_empty() {
                 return None;
             }
             out.push(now);
@@ -113,7 +113,7 @@ impl<'a> Tightening<'a> {
         for t in 0..n_steps {
             best[t + 1] = best[t] + alone[t].high;
         }
-        let width: f64 = alone.iter().map(|range| range.high - range.low).sum();
+        let width: f64 = alone.iter().map(Range::width).sum();
         for level in 0..N_REWARDS {
             let per_unit = self.per_unit(m, level, target);
             if self.slack >= per_unit * width {
