@@ -107,6 +107,37 @@ impl ControlHorizon {
         (0..self.n_groups()).map(optimum).collect()
     }
 
+    /// Costs of the strings over their requests in a step, if nothing may be shed: over a box of the states of each, where
+    /// `most(m)` is the largest request, the largest and the least delivered power.
+    pub(crate) fn curves(
+        &self,
+        t: usize,
+        states: impl Fn(usize) -> StateBox,
+        costs: &[Losses],
+        most: impl Fn(usize) -> (f64, f64, f64),
+    ) -> Vec<CostCurve> {
+        let direction = self.direction(t);
+        let curve = |m: usize| {
+            let string = self.string(m);
+            let ranges = string.ranges(direction, &states(m));
+            let (limit_w, deliverable_w, min_power_w) = most(m);
+            let terms = OperatingTerms {
+                direction,
+                limit_w,
+                deliverable_w,
+                min_power_w,
+                derating: ranges.derating,
+                power_scale_w: ranges.power_scale_w,
+                scale_price: 0.0,
+                power_price: 0.0,
+                costs: costs[m],
+                shed_cost: f64::INFINITY,
+            };
+            CostCurve::new(string.loss(direction), terms)
+        };
+        (0..self.n_strings()).map(curve).collect()
+    }
+
     /// Step cuts where `most(m, t)` is the largest request, the largest and the least delivered power of a string in a
     /// step.
     fn step_bounds_within(
@@ -123,26 +154,7 @@ impl ControlHorizon {
             request_w: vec![0.0; n_strings * n_steps],
         };
         let of_step = |t: usize| {
-            let direction = self.direction(t);
-            let curve = |m: usize| {
-                let string = self.string(m);
-                let ranges = string.ranges(direction, &boxes[m * n_steps + t]);
-                let (limit_w, deliverable_w, min_power_w) = most(m, t);
-                let terms = OperatingTerms {
-                    direction,
-                    limit_w,
-                    deliverable_w,
-                    min_power_w,
-                    derating: ranges.derating,
-                    power_scale_w: ranges.power_scale_w,
-                    scale_price: 0.0,
-                    power_price: 0.0,
-                    costs: costs[m],
-                    shed_cost: f64::INFINITY,
-                };
-                CostCurve::new(string.loss(direction), terms)
-            };
-            let mut curves: Vec<_> = (0..n_strings).map(curve).collect();
+            let mut curves = self.curves(t, |m| boxes[m * n_steps + t], costs, |m| most(m, t));
             step_bound(&mut curves, self.demand_w[t], budget_w[t])
         };
         let asked: Vec<usize> = (0..n_steps).filter(|&t| self.demand_w[t] > 0.0 && !no_losses).collect();

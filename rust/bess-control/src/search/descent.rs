@@ -19,7 +19,7 @@ impl ControlHorizon {
     /// ceiling, the excess is reduced first. `budget` limits the work, in string-steps; returns the used part of
     /// it.
     pub(crate) fn descend(&self, start_w: &[f64], ranking: &Ranking, budget: u64) -> (Schedule, u64) {
-        let mut tracked = IncrementalRollout::new(self, 0, &self.start, start_w.to_vec());
+        let mut tracked = IncrementalRollout::new(self, start_w.to_vec());
         minimise(&mut tracked, ranking, budget);
         let used = tracked.string_steps.get();
         (Schedule { objectives: tracked.objectives(), request_w: tracked.request_w }, used)
@@ -56,17 +56,16 @@ fn minimise(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64
             // Small steps below the ceilings: wide moves may leave the basin of the selected start.
             polish(tracked, ranking, budget);
         }
-        descend(tracked, ranking, budget);
+        search(tracked, ranking, budget);
         polish(tracked, ranking, budget);
     }
 }
 
 /// Passes over single steps while they gain, then over pairs of steps; restarts after any gain.
-fn descend(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) {
-    let (first, end) = (tracked.first, tracked.end);
-    let singles: Vec<_> = (first..end).map(|step| (step, step)).collect();
-    let apart = |distance| (first..end - distance).map(move |step| (step, step + distance));
-    let pairs: Vec<_> = (1..end - first).flat_map(apart).collect();
+fn search(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) {
+    let apart = |distance| (0..tracked.n_steps() - distance).map(move |step| (step, step + distance));
+    let singles: Vec<_> = apart(0).collect();
+    let pairs: Vec<_> = (1..tracked.n_steps()).flat_map(apart).collect();
     let mut gains = |in_pairs: bool| {
         let before = tracked.objectives();
         if in_pairs {
@@ -110,7 +109,7 @@ fn pass<'a>(
 fn polish(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) {
     let nominal = |m: usize| tracked.horizon.string(m).nominal_w();
     let largest = (0..tracked.horizon.n_strings()).map(nominal).fold(0.0, f64::max);
-    let steps: Vec<_> = (tracked.first..tracked.end).map(|step| (step, step)).collect();
+    let steps: Vec<_> = (0..tracked.n_steps()).map(|step| (step, step)).collect();
     let mut share = 1e-2;
     while share > MIN_STEP {
         let before = tracked.objectives();

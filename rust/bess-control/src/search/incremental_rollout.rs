@@ -18,90 +18,77 @@ pub(crate) struct Progress {
     pub costs: Objectives,
 }
 
-/// A schedule over the steps `first..end`, rolled out.
+/// A schedule, rolled out.
 #[derive(Debug, Clone)]
 pub(crate) struct IncrementalRollout<'a> {
     pub horizon: &'a ControlHorizon,
-    pub first: usize,
-    pub end: usize,
-    /// `(M, end - first)` [W].
+    /// `(M, T)` [W].
     pub request_w: Vec<f64>,
-    /// `(M, end - first + 1)`: at the start of each step, and at the end.
+    /// `(M, T + 1)`: at the start of each step, and at the end.
     progress: Vec<Progress>,
     /// Costs of each block of strings.
     blocks: Vec<Objectives>,
-    /// `(M, end - first)`: whether a request is equal to the deliverable power.
+    /// `(M, T)`: whether a request is equal to the deliverable power.
     on_edge: Vec<bool>,
     /// String-steps computed so far.
     pub string_steps: std::cell::Cell<u64>,
 }
 
 impl<'a> IncrementalRollout<'a> {
-    pub fn new(
-        horizon: &'a ControlHorizon,
-        first: usize,
-        start: &[StringState],
-        request_w: Vec<f64>,
-    ) -> Self {
-        let end = first + request_w.len() / horizon.n_strings();
-        let n_steps = end - first;
+    pub fn new(horizon: &'a ControlHorizon, request_w: Vec<f64>) -> Self {
         let row = |(m, &state): (usize, &StringState)| {
-            let coefficients = horizon.string(m).coefficients(horizon.direction(first), state);
-            vec![Progress { state, coefficients, costs: [0.0; MAX_GROUPS] }; n_steps + 1]
+            let coefficients = horizon.string(m).coefficients(horizon.direction(0), state);
+            vec![Progress { state, coefficients, costs: [0.0; MAX_GROUPS] }; horizon.n_steps() + 1]
         };
-        let on_edge = vec![false; request_w.len()];
         let mut tracked = Self {
             horizon,
-            first,
-            end,
+            progress: horizon.start.iter().enumerate().flat_map(row).collect(),
+            blocks: vec![[0.0; MAX_GROUPS]; horizon.n_strings().div_ceil(BLOCK)],
+            on_edge: vec![false; request_w.len()],
             request_w,
-            progress: start.iter().enumerate().flat_map(row).collect(),
-            blocks: vec![[0.0; MAX_GROUPS]; start.len().div_ceil(BLOCK)],
-            on_edge,
             string_steps: 0.into(),
         };
-        for m in 0..start.len() {
-            tracked.roll(m, first);
-        }
+        (0..horizon.n_strings()).for_each(|m| tracked.roll(m, 0));
         tracked
     }
 
-    fn n_steps(&self) -> usize {
-        self.end - self.first
+    #[inline]
+    pub fn n_steps(&self) -> usize {
+        self.horizon.n_steps()
     }
 
     #[inline]
     pub fn request(&self, m: usize, t: usize) -> f64 {
-        self.request_w[m * self.n_steps() + t - self.first]
+        self.request_w[m * self.n_steps() + t]
     }
 
     /// State of a string at the start of a step.
     #[inline]
     pub fn at(&self, m: usize, t: usize) -> &Progress {
-        &self.progress[m * (self.n_steps() + 1) + t - self.first]
+        &self.progress[m * (self.n_steps() + 1) + t]
     }
 
     /// Sets a request; the progress is stale until [`Self::roll`].
     pub fn set(&mut self, m: usize, t: usize, request_w: f64) {
-        let index = m * self.n_steps() + t - self.first;
+        let index = m * self.n_steps() + t;
         self.request_w[index] = request_w;
     }
 
     /// Rolls out a string again from a step on.
     pub fn roll(&mut self, m: usize, from: usize) {
         let base = m * (self.n_steps() + 1);
-        for t in from..self.end {
-            let mut next = self.progress[base + t - self.first];
+        for t in from..self.n_steps() {
+            let mut next = self.progress[base + t];
             let edge_w = self.edge(m, t, &next);
-            let index = m * self.n_steps() + t - self.first;
+            let index = m * self.n_steps() + t;
             self.on_edge[index] =
                 edge_w > 0.0 && (self.request_w[index] - edge_w).abs() < EDGE_WIDTH * edge_w;
             self.step(m, t, &mut next, self.request(m, t));
             self.prepare(m, t + 1, &mut next);
-            self.progress[base + t + 1 - self.first] = next;
+            self.progress[base + t + 1] = next;
         }
         self.blocks[m / BLOCK] = self.block_with(m / BLOCK, &[]);
-        self.count(self.end - from);
+        self.count(self.n_steps() - from);
     }
 
     /// Advances a string from step `from` to the start of step `to`, with `request_w` in the first step.
@@ -139,7 +126,7 @@ impl<'a> IncrementalRollout<'a> {
     /// Coefficients of the step that begins, if any.
     #[inline]
     fn prepare(&self, m: usize, t: usize, progress: &mut Progress) {
-        if t < self.end {
+        if t < self.n_steps() {
             let direction = self.horizon.direction(t);
             progress.coefficients = self.horizon.string(m).coefficients(direction, progress.state);
         }
@@ -157,8 +144,7 @@ impl<'a> IncrementalRollout<'a> {
 
     /// Whether either string is on its edge after a step, so that [`Self::follow`] differs from [`Self::advance`].
     pub fn has_edge_after(&self, (i, j): (usize, usize), step: usize) -> bool {
-        let row =
-            |m: usize| &self.on_edge[m * self.n_steps() + step + 1 - self.first..(m + 1) * self.n_steps()];
+        let row = |m: usize| &self.on_edge[m * self.n_steps() + step + 1..(m + 1) * self.n_steps()];
         row(i).iter().any(|&e| e) || row(j).iter().any(|&e| e)
     }
 
@@ -173,14 +159,14 @@ impl<'a> IncrementalRollout<'a> {
     ) -> (Objectives, Objectives) {
         let (mut a, mut b) = (*self.at(i, from), *self.at(j, from));
         let mut request = first_w;
-        for t in from..self.end {
+        for t in from..self.n_steps() {
             if t > from {
                 self.prepare(i, t, &mut a);
                 self.prepare(j, t, &mut b);
                 let (u, v) = (self.request(i, t), self.request(j, t));
                 let (low, high) =
                     ((u + v - self.horizon.limit(j, t)).max(0.0), self.horizon.limit(i, t).min(u + v));
-                let index = |m: usize| m * self.n_steps() + t - self.first;
+                let index = |m: usize| m * self.n_steps() + t;
                 let wanted = if self.on_edge[index(i)] {
                     self.edge(i, t, &a)
                 } else if self.on_edge[index(j)] {
@@ -196,7 +182,7 @@ impl<'a> IncrementalRollout<'a> {
             self.step(i, t, &mut a, request.0);
             self.step(j, t, &mut b, request.1);
         }
-        self.count(2 * (self.end - from));
+        self.count(2 * (self.n_steps() - from));
         (a.costs, b.costs)
     }
 
@@ -219,7 +205,7 @@ impl<'a> IncrementalRollout<'a> {
         let strings = block * BLOCK..((block + 1) * BLOCK).min(self.horizon.n_strings());
         total(strings.map(|m| {
             let replaced = changed.iter().find(|(string, _)| *string == m);
-            replaced.map_or(self.at(m, self.end).costs, |(_, costs)| *costs)
+            replaced.map_or(self.at(m, self.n_steps()).costs, |(_, costs)| *costs)
         }))
     }
 

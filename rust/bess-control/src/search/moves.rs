@@ -55,8 +55,8 @@ impl Line {
         let (a, b) = if shift.follows {
             tracked.follow(self.strings, self.step, (u, v), |_, _| ())
         } else {
-            let a = tracked.advance(i, *tracked.at(i, self.step), self.step, tracked.end, u);
-            let b = tracked.advance(j, *tracked.at(j, self.step), self.step, tracked.end, v);
+            let a = tracked.advance(i, *tracked.at(i, self.step), self.step, tracked.n_steps(), u);
+            let b = tracked.advance(j, *tracked.at(j, self.step), self.step, tracked.n_steps(), v);
             (a.costs, b.costs)
         };
         tracked.objectives_with(&[(i, a), (j, b)])
@@ -106,32 +106,38 @@ impl Line {
 
     /// Tries shares, switching points and edges; then refines the best.
     pub fn search(&self, tracked: &mut IncrementalRollout<'_>, ranking: &Ranking) {
-        let mut best = self.here(tracked);
-        for first_w in self.candidates(tracked) {
-            self.try_at(tracked, ranking, first_w, &mut best);
-        }
-        let mut step = self.width() / (2 * (SHARES - 1)) as f64;
-        while step > 1e-3 * self.width() {
-            let centre = best.0.first_w;
-            self.try_at(tracked, ranking, centre - step, &mut best);
-            self.try_at(tracked, ranking, centre + step, &mut best);
-            step *= 0.5;
-        }
-        self.take(tracked, best.0);
+        let first_w = self.width() / (2 * (SHARES - 1)) as f64;
+        let halves = std::iter::successors(Some(first_w), |step_w| Some(0.5 * step_w));
+        let steps_w = halves.take_while(|step_w| *step_w > 1e-3 * self.width());
+        self.improve(tracked, ranking, self.candidates(tracked), steps_w);
     }
 
     /// One shift by `step_w` in either direction.
     pub fn nudge(&self, tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, step_w: f64) {
-        let mut best = self.here(tracked);
-        let centre = best.0.first_w;
-        self.try_at(tracked, ranking, centre - step_w, &mut best);
-        self.try_at(tracked, ranking, centre + step_w, &mut best);
-        self.take(tracked, best.0);
+        self.improve(tracked, ranking, [], [step_w]);
     }
 
-    fn here(&self, tracked: &IncrementalRollout<'_>) -> (Shift, Objectives) {
-        let first_w = tracked.request(self.strings.0, self.step);
-        (Shift { first_w, follows: false }, tracked.objectives())
+    /// Takes the best of some requests of the first string, then of shifts from the best in either direction.
+    fn improve(
+        &self,
+        tracked: &mut IncrementalRollout<'_>,
+        ranking: &Ranking,
+        requests_w: impl IntoIterator<Item = f64>,
+        steps_w: impl IntoIterator<Item = f64>,
+    ) {
+        let here = Shift { first_w: tracked.request(self.strings.0, self.step), follows: false };
+        let mut best = (here, tracked.objectives());
+        for first_w in requests_w {
+            self.try_at(tracked, ranking, first_w, &mut best);
+        }
+        for step_w in steps_w {
+            let centre_w = best.0.first_w;
+            self.try_at(tracked, ranking, centre_w - step_w, &mut best);
+            self.try_at(tracked, ranking, centre_w + step_w, &mut best);
+        }
+        if best.0 != here {
+            self.commit(tracked, best.0);
+        }
     }
 
     fn try_at(
@@ -153,12 +159,6 @@ impl Line {
             if ranking.better(&costs, &best.1) {
                 *best = (shift, costs);
             }
-        }
-    }
-
-    fn take(&self, tracked: &mut IncrementalRollout<'_>, best: Shift) {
-        if best != self.here(tracked).0 {
-            self.commit(tracked, best);
         }
     }
 }
@@ -225,7 +225,7 @@ impl Plane {
             return;
         }
         let (i, j) = self.first.strings;
-        let (from, to, end) = (self.first.step, self.second.step, tracked.end);
+        let (from, to, end) = (self.first.step, self.second.step, tracked.n_steps());
         let (u, v) = self.first.pair(tracked, first_w);
         let a = tracked.advance(i, *tracked.at(i, from), from, to, u);
         let b = tracked.advance(j, *tracked.at(j, from), from, to, v);
