@@ -1,5 +1,7 @@
 //! Plans of many strings: a group of similar strings in similar states is planned as one string, whose power is then allocated.
 
+use std::mem;
+
 use bess_tables::{Direction, InputError, System};
 
 use crate::cores;
@@ -115,15 +117,11 @@ impl Groups {
     /// all inverters, or the number of inverters with minimum loss in each step.
     pub(crate) fn shared_out<'a>(&self, problem: &'a PlanProblem<'a>, request_w: &[f64]) -> Paths<'a> {
         let mut ways = cores::map(vec![false, true], |fewer| self.shared_on(problem, request_w, fewer));
-        let (Some(fewer), Some(mut shared)) = (ways.pop(), ways.pop()) else { unreachable!("two ways") };
-        let n_steps = problem.n_steps();
+        let (Some(mut fewer), Some(mut shared)) = (ways.pop(), ways.pop()) else { unreachable!("two ways") };
         for members in &self.members {
-            let cost = |paths: &Paths<'_>| members.iter().map(|&m| paths.total(m)).sum::<f64>();
+            let cost = |paths: &Paths<'_>| members.iter().map(|&m| paths.strings[m].total).sum::<f64>();
             if cost(&fewer) < cost(&shared) {
-                for &m in members {
-                    (0..n_steps).for_each(|t| shared.set(m, t, fewer.request(m, t)));
-                    shared.roll(m, 0);
-                }
+                members.iter().for_each(|&m| mem::swap(&mut shared.strings[m], &mut fewer.strings[m]));
             }
         }
         shared

@@ -33,7 +33,7 @@ use bess_tables::InputError;
 use look_ahead::{look_ahead, CostToGo};
 use pair::Pair;
 use pairs::PairValues;
-use paths::{CoStates, Paths};
+use paths::Paths;
 
 use crate::cores;
 use crate::rules::Rule;
@@ -126,7 +126,7 @@ impl PlanProblem<'_> {
         plan.rule_cost = rules.iter().map(Paths::cost).fold(f64::INFINITY, f64::min);
         paths = rules.into_iter().fold(paths, cheaper);
         if let Some(request_w) = carried {
-            paths = cheaper(paths, Paths::new(problem, request_w));
+            paths = cheaper(paths, Paths::new(problem, &request_w));
         }
         plan.cost = paths.cost();
         plan.request_w = paths.request_w();
@@ -147,7 +147,7 @@ impl PlanProblem<'_> {
         let mut rules = cores::map(Rule::ALL.to_vec(), |rule| starts::of_rule(rule, problem));
         rules.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         let rule_cost = rules[0].cost();
-        let carried = carried.map(|request_w| Paths::new(problem, request_w));
+        let carried = carried.map(|request_w| Paths::new(problem, &request_w));
         let carried = carried.filter(|carried| carried.cost() <= rule_cost);
         let mut starts = vec![carried.unwrap_or_else(|| rules.remove(0))];
         let replaced_work: u64 = rules.iter().map(|rule| rule.work).sum();
@@ -207,7 +207,7 @@ impl PlanProblem<'_> {
         let blocks = n_steps.div_ceil(per);
         let of_block = |k: usize| dual.request_w[k / n_steps * blocks + k % n_steps / per];
         let request_w: Vec<_> = (0..size).map(of_block).collect();
-        found.push(polish(Paths::new(self, starts::carried_on(self, &request_w))));
+        found.push(polish(Paths::new(self, &starts::carried_on(self, &request_w))));
         dual.price = (0..n_steps).map(|t| dual.price[t / per]).collect();
         (found, bounded.then_some(dual))
     }
@@ -233,12 +233,13 @@ impl PlanProblem<'_> {
             return;
         }
         let paths = match carried {
-            Some(request_w) => Paths::new(self, request_w.to_vec()),
+            Some(request_w) => Paths::new(self, request_w),
             None => starts::of_rule(Rule::Soc, self),
         };
         let fill = |t: usize| {
             let capacity: f64 = (0..self.n_strings()).map(|m| self.usable_ah(m, t)).sum();
-            let charge = |m: usize| self.usable_ah(m, t) * self.fill_of(m, paths.at(m, t + 1).state);
+            let charge =
+                |m: usize| self.usable_ah(m, t) * self.fill_of(m, paths.strings[m].points[t + 1].state);
             // Without a string in service nothing is out of balance.
             (0..self.n_strings()).map(charge).sum::<f64>() / capacity.max(f64::MIN_POSITIVE)
         };
@@ -268,46 +269,41 @@ fn cheaper<'a>(best: Paths<'a>, other: Paths<'a>) -> Paths<'a> {
 /// Marginal cost of initial charge in every string, averaged by capacity [cost/Ah].
 fn start_charge(paths: &mut Paths<'_>) -> f64 {
     let (mut slope, mut capacity) = (0.0, 0.0);
-    for m in 0..paths.problem.n_strings() {
-        slope += CoStates::along(paths, m).soc[0];
-        capacity += paths.problem.capacity_ah(m);
+    for path in &mut paths.strings {
+        path.renew_if_changed();
+        slope += path.by_soc[0];
+        capacity += path.problem.capacity_ah(path.string);
     }
     slope / capacity
 }
 
 /// Moves of all pairs of a round, on all cores. Each pair has an equal part of the remaining budget.
-fn each_pair(
-    paths: &mut Paths<'_>,
-    round: usize,
-    budget: u64,
-    moves: impl Fn(&mut Paths<'_>, Pair, u64) + Sync,
-) {
-    let pairs: Vec<Pair> = pair::tournament(paths.problem.n_strings(), round).collect();
-    let part_of_budget = budget.saturating_sub(paths.work).div_ceil(pairs.len().max(1) as u64);
-    if part_of_budget == 0 {
+fn each_pair(paths: &mut Paths<'_>, round: usize, budget: u64, moves: impl Fn(&mut Pair<'_, '_>) + Sync) {
+    let pairs: Vec<_> = pair::tournament(paths.strings.len(), round).collect();
+    let budget = budget.saturating_sub(paths.work).div_ceil(pairs.len().max(1) as u64);
+    if budget == 0 {
         return;
     }
-    let parts = pairs.into_iter().map(|pair| (pair, paths.take(pair.strings()))).collect();
-    let moved = cores::map(parts, |(pair, mut part): (Pair, Paths<'_>)| {
-        moves(&mut part, pair, part_of_budget);
-        (pair, part)
+    let mut strings: Vec<_> = paths.strings.iter_mut().map(Some).collect();
+    let mut schedule = |m: usize| strings[m].take().unwrap_or_else(|| unreachable!("one pair a round"));
+    let pair = |(a, b)| Pair { first: schedule(a), second: schedule(b), work: 0, budget };
+    let moved = cores::map(pairs.into_iter().map(pair).collect(), |mut pair| {
+        moves(&mut pair);
+        pair.work
     });
-    moved.into_iter().for_each(|(pair, part)| paths.put_back(pair.strings(), part));
+    paths.work += moved.iter().sum::<u64>();
 }
 
 /// Rounds of moves until `cycle` of them gain too little, or the budget is used up. A plan that is carried along was tried
 /// with all moves in the steps before: where every pair has met once in vain, little is left to find.
 fn improve(paths: &mut Paths<'_>, budget: u64, turn: usize, cycle: usize) {
-    let n = paths.problem.n_strings();
     let mut at_start = paths.cost();
     for round in turn.. {
         let cost = paths.cost();
-        each_pair(paths, round, budget, |part, pair, budget| sweep::sweep(part, pair, cost, budget));
+        each_pair(paths, round, budget, |pair| sweep::sweep(pair, cost));
         let length = blocks::LENGTHS[round % blocks::LENGTHS.len()];
-        each_pair(paths, round, budget, |part, pair, budget| {
-            blocks::rearrange(part, pair, length, round, budget);
-        });
-        if paths.work >= budget || n < 2 {
+        each_pair(paths, round, budget, |pair| blocks::rearrange(pair, length, round));
+        if paths.work >= budget || paths.strings.len() < 2 {
             return;
         }
         if (round + 1 - turn) % cycle == 0 {

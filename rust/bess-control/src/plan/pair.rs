@@ -1,11 +1,13 @@
 //! Two strings that exchange power: range of requests of the first string at a constant sum.
 
-use crate::plan::paths::{CoStates, Paths};
+use crate::plan::paths::Path;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Pair {
-    pub first: usize,
-    pub second: usize,
+/// The schedules of two strings, and the work on them, in steps of single strings.
+pub(crate) struct Pair<'p, 'a> {
+    pub first: &'p mut Path<'a>,
+    pub second: &'p mut Path<'a>,
+    pub work: u64,
+    pub budget: u64,
 }
 
 /// Feasible range of a pair in one step; powers of its first string [W].
@@ -38,19 +40,29 @@ impl Room {
     }
 }
 
-impl Pair {
-    pub fn strings(&self) -> [usize; 2] {
-        [self.first, self.second]
+impl Pair<'_, '_> {
+    pub fn n_steps(&self) -> usize {
+        self.first.request_w.len()
     }
 
-    pub fn room(&self, paths: &Paths<'_>, t: usize) -> Room {
-        let sum_w = paths.request(self.first, t) + paths.request(self.second, t);
-        let limits_w = paths.problem.limits_w(t);
-        Room::of(sum_w, limits_w[self.first], limits_w[self.second])
+    pub fn is_spent(&self) -> bool {
+        self.work >= self.budget
     }
 
-    pub fn cost(&self, paths: &Paths<'_>) -> f64 {
-        paths.total(self.first) + paths.total(self.second)
+    /// Requests of both strings in a step.
+    #[inline]
+    pub fn requests(&self, t: usize) -> (f64, f64) {
+        (self.first.request_w[t], self.second.request_w[t])
+    }
+
+    pub fn room(&self, t: usize) -> Room {
+        let limits_w = self.first.problem.limits_w(t);
+        let (u, v) = self.requests(t);
+        Room::of(u + v, limits_w[self.first.string], limits_w[self.second.string])
+    }
+
+    pub fn cost(&self) -> f64 {
+        self.first.total + self.second.total
     }
 
     /// Cost of both strings with other requests from step `from` on. The evaluation stops with the expected cost as soon as
@@ -58,64 +70,57 @@ impl Pair {
     ///
     /// The co-states give the remaining cost from the present states: to first order during the roll-out, exactly at the end. As
     /// long as requests differ, `to_come` is the expected change by later requests; minus infinity if unknown.
-    pub fn cost_with(
-        &self,
-        paths: &mut Paths<'_>,
-        slopes: &(CoStates, CoStates),
-        from: usize,
-        change: &[(f64, f64)],
-        to_come: f64,
-        most: f64,
-    ) -> f64 {
-        let (Self { first, second }, problem) = (*self, paths.problem);
-        let before = self.cost(paths);
-        let (mut a, mut b) = (*paths.at(first, from), *paths.at(second, from));
-        let (end, n_steps) = (from + change.len(), problem.n_steps());
+    pub fn cost_with(&mut self, from: usize, change: &[(f64, f64)], to_come: f64, most: f64) -> f64 {
+        let before = self.cost();
+        let (mut a, mut b) = (self.first.points[from], self.second.points[from]);
+        let (end, n_steps) = (from + change.len(), self.n_steps());
         let mut t = from;
         loop {
-            let (u, v) =
-                if t < end { change[t - from] } else { (paths.request(first, t), paths.request(second, t)) };
-            (a, b) = (problem.step(first, t, &a, u), problem.step(second, t, &b, v));
+            let (u, v) = if t < end { change[t - from] } else { self.requests(t) };
+            (a, b) = (self.first.step(t, &a, u), self.second.step(t, &b, v));
             t += 1;
-            let more =
-                slopes.0.change(t, paths.at(first, t), &a) + slopes.1.change(t, paths.at(second, t), &b);
+            let more = self.first.change(t, &a) + self.second.change(t, &b);
             let expected = before + more + if t < end { to_come } else { 0.0 };
             if t == n_steps || expected > most {
-                paths.work += 2 * (t - from) as u64;
+                self.work += 2 * (t - from) as u64;
                 return expected;
             }
         }
     }
 
-    pub fn slopes(&self, paths: &mut Paths<'_>) -> (CoStates, CoStates) {
-        (CoStates::along(paths, self.first), CoStates::along(paths, self.second))
+    /// Co-states of both schedules, which count as work even where they are known already.
+    pub fn renew_if_changed(&mut self) {
+        self.first.renew_if_changed();
+        self.second.renew_if_changed();
+        self.work += 4 * self.n_steps() as u64;
     }
 
-    /// Co-states along the present paths of both strings, from the start of step `from` on.
-    pub fn renew(&self, slopes: &mut (CoStates, CoStates), paths: &mut Paths<'_>, from: usize) {
-        slopes.0.renew(paths, self.first, from);
-        slopes.1.renew(paths, self.second, from);
+    /// Co-states of both schedules from the start of step `from` on.
+    pub fn renew(&mut self, from: usize) {
+        self.first.renew(from);
+        self.second.renew(from);
+        self.work += 4 * (self.n_steps() - from) as u64;
     }
 
     /// Replaces the requests from step `from` on.
-    pub fn take(&self, paths: &mut Paths<'_>, from: usize, change: &[(f64, f64)]) {
-        for (k, &(u, v)) in change.iter().enumerate() {
-            paths.set(self.first, from + k, u);
-            paths.set(self.second, from + k, v);
+    pub fn take(&mut self, from: usize, change: &[(f64, f64)]) {
+        for (k, &both) in change.iter().enumerate() {
+            (self.first.request_w[from + k], self.second.request_w[from + k]) = both;
         }
-        paths.roll(self.first, from);
-        paths.roll(self.second, from);
+        self.first.roll(from);
+        self.second.roll(from);
+        self.work += 2 * (self.n_steps() - from) as u64;
     }
 }
 
 /// Pairs of one round of a round-robin schedule, which covers every pair once in [`rounds`] rounds (circle method).
-pub(crate) fn tournament(n: usize, round: usize) -> impl Iterator<Item = Pair> {
+pub(crate) fn tournament(n: usize, round: usize) -> impl Iterator<Item = (usize, usize)> {
     let even = n + n % 2;
     let seat = move |k: usize| if k == 0 { 0 } else { 1 + (k - 1 + round) % (even - 1).max(1) };
     (0..even / 2)
         .map(move |k| (seat(k), seat(even - 1 - k)))
         .filter(move |&(a, b)| a < n && b < n)
-        .map(|(a, b)| Pair { first: a.min(b), second: a.max(b) })
+        .map(|(a, b)| (a.min(b), a.max(b)))
 }
 
 /// Rounds of a round-robin schedule.
@@ -147,8 +152,7 @@ mod tests {
     #[test]
     fn everybody_meets_everybody_else_once() {
         for n in 2..=9 {
-            let mut met: Vec<_> =
-                (0..rounds(n)).flat_map(|r| tournament(n, r)).map(|p| (p.first, p.second)).collect();
+            let mut met: Vec<_> = (0..rounds(n)).flat_map(|r| tournament(n, r)).collect();
             met.sort_unstable();
             let all: Vec<_> = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))).collect();
             assert_eq!(met, all, "{n} strings");

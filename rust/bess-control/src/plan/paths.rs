@@ -8,176 +8,90 @@ use crate::plan::problem::{PlanProblem, Point};
 const SOC_SHIFT: f64 = 1e-3;
 const TEMPERATURE_SHIFT_K: f64 = 0.1;
 
-#[derive(Debug, Clone, Default)]
-struct Path {
-    /// `(T,)` [W].
-    request_w: Vec<f64>,
-    /// `(T + 1,)`.
-    points: Vec<Point>,
-    /// Cost, that of the end included.
-    total: f64,
-    /// Along the present path, if known.
-    co_states: Option<CoStates>,
-}
-
-/// A schedule, rolled out.
-#[derive(Debug, Clone)]
-pub(crate) struct Paths<'a> {
+/// The schedule of one string, rolled out, and its co-states.
+#[derive(Debug)]
+pub(crate) struct Path<'a> {
     pub problem: &'a PlanProblem<'a>,
-    strings: Vec<Path>,
-    /// Steps of single strings computed so far: the measure of effort.
-    pub work: u64,
+    pub string: usize,
+    /// `(T,)` [W].
+    pub request_w: Vec<f64>,
+    /// `(T + 1,)`.
+    pub points: Vec<Point>,
+    /// Cost, that of the end included.
+    pub total: f64,
+    /// Co-states: derivatives of the remaining cost at the start of each step `(T + 1,)`, from a backward pass of difference
+    /// quotients along the schedule that they were renewed for.
+    pub by_soc: Vec<f64>,
+    pub by_temperature: Vec<f64>,
+    /// Whether that is the present schedule.
+    co_states_known: bool,
 }
 
-impl<'a> Paths<'a> {
-    /// A plan `(M, T)` [W].
-    pub fn new(problem: &'a PlanProblem<'a>, request_w: Vec<f64>) -> Self {
-        let mut paths = Self::at_start(problem, &request_w);
-        for m in 0..problem.n_strings() {
-            paths.roll(m, 0);
-        }
-        paths
-    }
-
-    /// The plan whose requests of a step `share` gives, by its index and where the strings stand [W].
-    pub fn shared(problem: &'a PlanProblem<'a>, mut share: impl FnMut(usize, &[Point]) -> Vec<f64>) -> Self {
-        let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
-        let mut paths = Self::at_start(problem, &vec![0.0; n_strings * n_steps]);
-        for t in 0..n_steps {
-            let points: Vec<_> = (0..n_strings).map(|m| *paths.at(m, t)).collect();
-            for (m, request_w) in share(t, &points).into_iter().enumerate() {
-                paths.set(m, t, request_w);
-                paths.advance(m, t);
-            }
-        }
-        (0..n_strings).for_each(|m| paths.close(m));
-        paths.work += (n_strings * n_steps) as u64;
-        paths
-    }
-
-    fn at_start(problem: &'a PlanProblem<'a>, request_w: &[f64]) -> Self {
-        let n_steps = problem.n_steps();
-        let string = |m: usize| {
-            let first = Point { state: problem.start[m], cost: 0.0, running: problem.running[m] };
-            let request_w = request_w[m * n_steps..(m + 1) * n_steps].to_vec();
-            Path { request_w, points: vec![first; n_steps + 1], total: 0.0, co_states: None }
-        };
-        Self { problem, strings: (0..problem.n_strings()).map(string).collect(), work: 0 }
-    }
-
-    /// Requests `(M, T)` [W].
-    pub fn request_w(&self) -> Vec<f64> {
-        self.strings.iter().flat_map(|string| string.request_w.iter().copied()).collect()
-    }
-
-    /// Takes the schedules of two strings, to be changed on another thread, and [`Self::put_back`].
-    pub fn take(&mut self, two: [usize; 2]) -> Self {
-        let strings = vec![Path::default(); self.strings.len()];
-        let mut part = Self { problem: self.problem, strings, work: 0 };
-        part.exchange(self, two);
-        part
-    }
-
-    /// Puts the schedules of two strings back.
-    pub fn put_back(&mut self, two: [usize; 2], mut part: Self) {
-        part.exchange(self, two);
-        self.work += part.work;
-    }
-
-    fn exchange(&mut self, other: &mut Self, two: [usize; 2]) {
-        for m in two {
-            std::mem::swap(&mut self.strings[m], &mut other.strings[m]);
+impl<'a> Path<'a> {
+    /// A schedule `(T,)` [W] that is not rolled out yet.
+    fn at_start(problem: &'a PlanProblem<'a>, string: usize, request_w: Vec<f64>) -> Self {
+        let n_points = request_w.len() + 1;
+        let first = Point { state: problem.start[string], cost: 0.0, running: problem.running[string] };
+        Self {
+            problem,
+            string,
+            request_w,
+            points: vec![first; n_points],
+            total: 0.0,
+            by_soc: vec![0.0; n_points],
+            by_temperature: vec![0.0; n_points],
+            co_states_known: false,
         }
     }
 
-    #[inline]
-    pub fn request(&self, m: usize, t: usize) -> f64 {
-        self.strings[m].request_w[t]
-    }
-
-    /// Sets a request; the path is stale until [`Self::roll`].
-    #[inline]
-    pub fn set(&mut self, m: usize, t: usize, request_w: f64) {
-        self.strings[m].request_w[t] = request_w;
-    }
-
-    /// Where a string stands at the start of a step.
-    #[inline]
-    pub fn at(&self, m: usize, t: usize) -> &Point {
-        &self.strings[m].points[t]
-    }
-
-    /// Cost of one string.
-    #[inline]
-    pub fn total(&self, m: usize) -> f64 {
-        self.strings[m].total
-    }
-
-    pub fn cost(&self) -> f64 {
-        self.strings.iter().map(|string| string.total).sum()
-    }
-
-    /// One step of a string from its present path, by the request: what depends on the state alone is computed once.
-    pub fn choices(&self, m: usize, t: usize) -> impl Fn(f64) -> Point + '_ {
-        let here = *self.at(m, t);
-        let c = self.problem.coefficients(m, t, here.state);
-        move |request_w| self.problem.step_from(|| c, (m, t), &here, request_w)
-    }
-
-    pub fn roll(&mut self, m: usize, from: usize) {
-        let n_steps = self.problem.n_steps();
-        (from..n_steps).for_each(|t| self.advance(m, t));
-        self.close(m);
-        self.strings[m].co_states = None;
-        self.work += (n_steps - from) as u64;
+    /// Rolls the requests out from step `from` on.
+    pub fn roll(&mut self, from: usize) {
+        (from..self.request_w.len()).for_each(|t| self.advance(t));
+        self.close();
     }
 
     #[inline]
-    fn advance(&mut self, m: usize, t: usize) {
-        let after = self.problem.step(m, t, self.at(m, t), self.request(m, t));
-        self.strings[m].points[t + 1] = after;
+    fn advance(&mut self, t: usize) {
+        self.points[t + 1] = self.step(t, &self.points[t], self.request_w[t]);
     }
 
-    /// The cost of a string with that of its end.
-    fn close(&mut self, m: usize) {
-        let last = *self.at(m, self.problem.n_steps());
-        self.strings[m].total = last.cost + self.problem.end_cost(m, last.state);
+    /// The cost with that of the end.
+    fn close(&mut self) {
+        let last = self.points[self.request_w.len()];
+        self.total = last.cost + self.problem.end_cost(self.string, last.state);
+        self.co_states_known = false;
     }
-}
 
-/// Co-states of one string: derivatives of the remaining cost at the start of each step `(T + 1,)`, from a backward
-/// pass of difference quotients along its schedule.
-#[derive(Debug, Clone)]
-pub(crate) struct CoStates {
-    pub soc: Vec<f64>,
-    pub temperature: Vec<f64>,
-}
+    /// One step from any point.
+    #[inline]
+    pub fn step(&self, t: usize, from: &Point, request_w: f64) -> Point {
+        self.problem.step(self.string, t, from, request_w)
+    }
 
-impl CoStates {
-    /// Co-states of a schedule are computed once, but count as work whenever they are asked for.
-    pub fn along(paths: &mut Paths<'_>, m: usize) -> Self {
-        let n_steps = paths.problem.n_steps();
-        if let Some(known) = paths.strings[m].co_states.clone() {
-            paths.work += 2 * n_steps as u64;
-            return known;
+    /// One step from the present path, by the request: what depends on the state alone is computed once.
+    pub fn choices(&self, t: usize) -> impl Fn(f64) -> Point + '_ {
+        let (string, here) = (self.string, self.points[t]);
+        let c = self.problem.coefficients(string, t, here.state);
+        move |request_w| self.problem.step_from(|| c, (string, t), &here, request_w)
+    }
+
+    /// Renews the co-states, unless the schedule is still the one they belong to.
+    pub fn renew_if_changed(&mut self) {
+        if !self.co_states_known {
+            self.renew(0);
+            self.co_states_known = true;
         }
-        let mut slopes = Self { soc: vec![0.0; n_steps + 1], temperature: vec![0.0; n_steps + 1] };
-        slopes.renew(paths, m, 0);
-        paths.strings[m].co_states = Some(slopes.clone());
-        slopes
     }
 
-    /// Co-states along the present path, from the start of step `from` on.
-    pub fn renew(&mut self, paths: &mut Paths<'_>, m: usize, from: usize) {
-        let problem = paths.problem;
-        let n_steps = problem.n_steps();
-        self.soc[n_steps] = problem.prices.end_charge * problem.capacity_ah(m);
+    /// Renews the co-states from the start of step `from` on.
+    pub fn renew(&mut self, from: usize) {
+        let n_steps = self.request_w.len();
+        self.by_soc[n_steps] = self.problem.prices.end_charge * self.problem.capacity_ah(self.string);
         for t in (from..n_steps).rev() {
-            let (here, next) = (*paths.at(m, t), *paths.at(m, t + 1));
-            let request_w = paths.request(m, t);
+            let here = self.points[t];
             let change = |state: StringState| {
-                let shifted = problem.step(m, t, &Point { state, ..here }, request_w);
-                self.change(t + 1, &next, &shifted)
+                let shifted = self.step(t, &Point { state, ..here }, self.request_w[t]);
+                self.change(t + 1, &shifted)
             };
             // Towards the inside of the window: states beyond a limit are invalid.
             let shift = if here.state.soc < 0.5 { SOC_SHIFT } else { -SOC_SHIFT };
@@ -185,17 +99,64 @@ impl CoStates {
             let warmer = here.state.temperature_c + TEMPERATURE_SHIFT_K;
             let by_temperature =
                 change(StringState { temperature_c: warmer, ..here.state }) / TEMPERATURE_SHIFT_K;
-            self.soc[t] = by_soc;
-            self.temperature[t] = by_temperature;
+            self.by_soc[t] = by_soc;
+            self.by_temperature[t] = by_temperature;
         }
-        paths.work += 2 * (n_steps - from) as u64;
     }
 
-    /// First-order cost of the state `other` instead of `here` at the start of step `t`.
+    /// First-order cost of another state at the start of step `t`.
     #[inline]
-    pub fn change(&self, t: usize, here: &Point, other: &Point) -> f64 {
+    pub fn change(&self, t: usize, other: &Point) -> f64 {
+        let here = &self.points[t];
         other.cost - here.cost
-            + self.soc[t] * (other.state.soc - here.state.soc)
-            + self.temperature[t] * (other.state.temperature_c - here.state.temperature_c)
+            + self.by_soc[t] * (other.state.soc - here.state.soc)
+            + self.by_temperature[t] * (other.state.temperature_c - here.state.temperature_c)
+    }
+}
+
+/// A schedule of all strings, rolled out.
+#[derive(Debug)]
+pub(crate) struct Paths<'a> {
+    pub strings: Vec<Path<'a>>,
+    /// Steps of single strings computed so far: the measure of effort.
+    pub work: u64,
+}
+
+impl<'a> Paths<'a> {
+    /// A plan `(M, T)` [W].
+    pub fn new(problem: &'a PlanProblem<'a>, request_w: &[f64]) -> Self {
+        let mut paths = Self::at_start(problem, request_w);
+        paths.strings.iter_mut().for_each(|path| path.roll(0));
+        paths
+    }
+
+    /// The plan whose requests of a step `share` gives, by its index and where the strings stand [W].
+    pub fn shared(problem: &'a PlanProblem<'a>, mut share: impl FnMut(usize, &[Point]) -> Vec<f64>) -> Self {
+        let mut paths = Self::at_start(problem, &vec![0.0; problem.n_strings() * problem.n_steps()]);
+        for t in 0..problem.n_steps() {
+            let points: Vec<_> = paths.strings.iter().map(|path| path.points[t]).collect();
+            for (path, request_w) in paths.strings.iter_mut().zip(share(t, &points)) {
+                path.request_w[t] = request_w;
+                path.advance(t);
+            }
+        }
+        paths.strings.iter_mut().for_each(Path::close);
+        paths
+    }
+
+    fn at_start(problem: &'a PlanProblem<'a>, request_w: &[f64]) -> Self {
+        let n_steps = problem.n_steps();
+        let string =
+            |m: usize| Path::at_start(problem, m, request_w[m * n_steps..(m + 1) * n_steps].to_vec());
+        Self { strings: (0..problem.n_strings()).map(string).collect(), work: request_w.len() as u64 }
+    }
+
+    /// Requests `(M, T)` [W].
+    pub fn request_w(&self) -> Vec<f64> {
+        self.strings.iter().flat_map(|path| path.request_w.iter().copied()).collect()
+    }
+
+    pub fn cost(&self) -> f64 {
+        self.strings.iter().map(|path| path.total).sum()
     }
 }

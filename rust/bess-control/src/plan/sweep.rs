@@ -2,7 +2,7 @@
 //! the step plus the co-states of later steps. Only moves with a predicted gain are rolled out.
 
 use crate::plan::pair::{Pair, Room};
-use crate::plan::paths::{CoStates, Paths};
+use crate::plan::paths::Path;
 
 /// Uniform cells over the range of the first string's request.
 const CELLS: usize = 12;
@@ -31,11 +31,9 @@ struct Fork {
     choices: [Choice; CELLS + 1],
 }
 
-/// A schedule of a pair, with its co-states.
-struct Sweep<'p, 'a> {
-    paths: &'p mut Paths<'a>,
-    pair: Pair,
-    slopes: (CoStates, CoStates),
+/// The schedules of a pair, and the choices at each step of it.
+struct Sweep<'s, 'p, 'a> {
+    pair: &'s mut Pair<'p, 'a>,
     forks: Vec<Fork>,
 }
 
@@ -51,15 +49,15 @@ struct Exchange {
 }
 
 /// One pass over all steps of a plan of this cost.
-pub(crate) fn sweep(paths: &mut Paths<'_>, pair: Pair, cost: f64, budget: u64) {
+pub(crate) fn sweep(pair: &mut Pair<'_, '_>, cost: f64) {
     let least = MIN_RELATIVE_GAIN * cost;
-    let slopes = pair.slopes(paths);
-    let mut sweep = Sweep { paths, pair, slopes, forks: vec![] };
-    let n_steps = sweep.paths.problem.n_steps();
+    pair.renew_if_changed();
+    let n_steps = pair.n_steps();
+    let mut sweep = Sweep { pair, forks: vec![] };
     sweep.forks = (0..n_steps).map(|t| sweep.fork(t)).collect();
     let mut stale = false;
     for t in 0..n_steps {
-        if sweep.paths.work >= budget {
+        if sweep.pair.is_spent() {
             return;
         }
         if !sweep.forks[t].room.is_open() {
@@ -72,24 +70,23 @@ pub(crate) fn sweep(paths: &mut Paths<'_>, pair: Pair, cost: f64, budget: u64) {
     }
 }
 
-impl Sweep<'_, '_> {
+impl Sweep<'_, '_, '_> {
     /// The choices at a step from the present states.
     fn fork(&mut self, t: usize) -> Fork {
-        let Pair { first, second } = self.pair;
-        let room = self.pair.room(self.paths, t);
+        let room = self.pair.room(t);
         let mut fork = Fork { room, ..Fork::default() };
         if !room.is_open() {
             return fork;
         }
-        self.paths.work += 2 * (CELLS as u64 + 1);
-        let (by_first, by_second) = (self.paths.choices(first, t), self.paths.choices(second, t));
-        let (a_next, b_next) = (*self.paths.at(first, t + 1), *self.paths.at(second, t + 1));
+        self.pair.work += 2 * (CELLS as u64 + 1);
+        let (first, second) = (&*self.pair.first, &*self.pair.second);
+        let (by_first, by_second) = (first.choices(t), second.choices(t));
+        let (a_next, b_next) = (first.points[t + 1], second.points[t + 1]);
         for (k, choice) in fork.choices.iter_mut().enumerate() {
             let (u, v) = room.both(room.low_w + (room.high_w - room.low_w) * k as f64 / CELLS as f64);
             let (p, q) = (by_first(u), by_second(v));
-            let warmer = self.slopes.0.temperature[t + 1]
-                * (p.state.temperature_c - a_next.state.temperature_c)
-                + self.slopes.1.temperature[t + 1] * (q.state.temperature_c - b_next.state.temperature_c);
+            let warmer = first.by_temperature[t + 1] * (p.state.temperature_c - a_next.state.temperature_c)
+                + second.by_temperature[t + 1] * (q.state.temperature_c - b_next.state.temperature_c);
             *choice = Choice {
                 first_w: u,
                 cost: p.cost - a_next.cost + q.cost - b_next.cost + warmer,
@@ -99,14 +96,20 @@ impl Sweep<'_, '_> {
         fork
     }
 
+    /// Expected cost of a choice at a step, with the value of the charge.
+    #[inline]
+    fn promise(&self, t: usize, choice: &Choice) -> f64 {
+        let (by_first, by_second) = (self.pair.first.by_soc[t + 1], self.pair.second.by_soc[t + 1]);
+        choice.cost + by_first * choice.soc.0 + by_second * choice.soc.1
+    }
+
     /// Applies the best move with a predicted gain at a step; returns whether there was one.
     fn improve(&mut self, t: usize, least: f64) -> bool {
         let fork = self.forks[t];
-        let here_w = self.paths.request(self.pair.first, t);
-        let before = self.pair.cost(self.paths);
+        let here_w = self.pair.first.request_w[t];
+        let before = self.pair.cost();
         let mut best = (before, Vec::new());
-        let (by_first, by_second) = (self.slopes.0.soc[t + 1], self.slopes.1.soc[t + 1]);
-        let promise = |c: &Choice| c.cost + by_first * c.soc.0 + by_second * c.soc.1;
+        let promise = |choice: &Choice| self.promise(t, choice);
         let single = fork.choices.iter().min_by(|x, y| promise(x).total_cmp(&promise(y))).expect("cells");
         if promise(single) < -least {
             // Co-states are valid for small changes: if the full move fails, a half or a quarter may succeed.
@@ -117,9 +120,7 @@ impl Sweep<'_, '_> {
             }
         }
         for exchange in self.exchanges(t, least).into_iter().flatten() {
-            let row =
-                |s: usize| (self.paths.request(self.pair.first, s), self.paths.request(self.pair.second, s));
-            let mut change: Vec<_> = (t..=exchange.later).map(row).collect();
+            let mut change: Vec<_> = (t..=exchange.later).map(|s| self.pair.requests(s)).collect();
             change[0] = fork.room.both(exchange.first_w);
             change[exchange.later - t] = self.forks[exchange.later].room.both(exchange.later_first_w);
             self.attempt(t, change, exchange.to_come, &mut best);
@@ -128,9 +129,9 @@ impl Sweep<'_, '_> {
         if cost >= before {
             return false;
         }
-        self.pair.take(self.paths, t, &change);
+        self.pair.take(t, &change);
         if change.len() > 1 {
-            self.pair.renew(&mut self.slopes, self.paths, t + 1);
+            self.pair.renew(t + 1);
             let later = t + change.len() - 1;
             self.forks[later] = self.fork(later);
         }
@@ -144,7 +145,7 @@ impl Sweep<'_, '_> {
         to_come: f64,
         best: &mut (f64, Vec<(f64, f64)>),
     ) {
-        let cost = self.pair.cost_with(self.paths, &self.slopes, t, &change, to_come, best.0);
+        let cost = self.pair.cost_with(t, &change, to_come, best.0);
         if cost < best.0 - 1e-12 * best.0.abs() {
             *best = (cost, change);
         }
@@ -153,29 +154,25 @@ impl Sweep<'_, '_> {
     /// The best predicted exchanges of a step with later steps, with opposite changes of the first string.
     fn exchanges(&self, t: usize, least: f64) -> [Option<Exchange>; MAX_TRIALS] {
         let mut found = [None; MAX_TRIALS];
-        let window = |m: usize| {
-            let p = &self.paths.problem.model.strings()[m].parameters;
-            (p.soc_min - 1e-9, p.soc_max + 1e-9)
+        // Between the two steps, both SOCs are shifted by the exchange.
+        let within = |path: &Path<'_>, later: usize, shift: f64| {
+            let (low, high) = path.problem.model.strings()[path.string].soc_window();
+            (low - 1e-9..=high + 1e-9).contains(&(path.points[later].state.soc + shift))
         };
-        let (first, second) = (window(self.pair.first), window(self.pair.second));
-        let within = |soc: f64, (low, high): (f64, f64)| soc >= low && soc <= high;
         for cell in EXCHANGED {
             let choice = &self.forks[t].choices[cell];
             if choice.soc.0.abs() < 1e-5 {
                 continue;
             }
             for later in t + 1..self.forks.len() {
-                // Between the two steps, both SOCs are shifted by the exchange.
-                let on_the_way =
-                    within(self.paths.at(self.pair.first, later).state.soc + choice.soc.0, first)
-                        && within(self.paths.at(self.pair.second, later).state.soc + choice.soc.1, second);
-                if !on_the_way {
+                if !within(self.pair.first, later, choice.soc.0)
+                    || !within(self.pair.second, later, choice.soc.1)
+                {
                     break;
                 }
                 let Some(back) = self.forks[later].where_soc_changes_by(-choice.soc.0) else { continue };
-                let (by_first, by_second) = (self.slopes.0.soc[later + 1], self.slopes.1.soc[later + 1]);
-                let to_come = back.cost + by_first * back.soc.0 + by_second * back.soc.1;
-                let promise = choice.cost + by_first * choice.soc.0 + by_second * choice.soc.1 + to_come;
+                let to_come = self.promise(later, &back);
+                let promise = self.promise(t, choice) + to_come;
                 if promise < -least {
                     let (first_w, later_first_w) = (choice.first_w, back.first_w);
                     keep(&mut found, Exchange { promise, to_come, first_w, later, later_first_w });
