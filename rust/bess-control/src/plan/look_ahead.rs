@@ -1,6 +1,5 @@
 //! One-step look-ahead: the power of a step is allocated at minimum cost of the step plus cost to go.
 
-use crate::model::StringState;
 use crate::plan::paths::Paths;
 use crate::plan::problem::{PlanProblem, Point};
 use crate::plan::starts::fill_up;
@@ -15,18 +14,17 @@ pub(crate) struct Group {
     pub second: Option<usize>,
 }
 
-/// Cost to go from the end of a step, a sum over groups of strings.
+/// Cost to go at the start of step `t` of a problem, a sum over groups of strings.
 pub(crate) trait CostToGo {
-    /// Data of a string's end state, prepared once for all end states of its partner.
+    /// What the state of a string contributes, prepared once for all states of its partner.
     type End: Copy;
 
     /// Groups; strings out of service belong to no group.
     fn groups(&self) -> &[Group];
 
-    /// End state of one string after a step, `hours` after the start of the problem.
-    fn end(&self, group: usize, string: usize, state: StringState, running: bool, hours: f64) -> Self::End;
+    fn end(&self, string: usize, t: usize, point: &Point) -> Self::End;
 
-    fn cost(&self, group: usize, first: Self::End, second: Option<Self::End>, hours: f64) -> f64;
+    fn cost(&self, group: usize, t: usize, first: Self::End, second: Option<Self::End>) -> f64;
 }
 
 /// Minimum cost of a group over its power in units, and the units of the first string.
@@ -36,13 +34,11 @@ type Table = Vec<(f64, usize)>;
 /// groups [cost/Wh].
 pub(crate) fn look_ahead<'a, V: CostToGo>(problem: &'a PlanProblem<'a>, values: &V) -> (Paths<'a>, Vec<f64>) {
     let mut price = vec![0.0; problem.n_steps()];
-    let mut hours = 0.0;
     let paths = Paths::shared(problem, |t, points| {
-        hours += problem.intervals[t].dt_h;
         if problem.demand_w[t] <= 0.0 {
             return vec![0.0; points.len()];
         }
-        let (share, marginal) = share_step(problem, values, t, hours, points);
+        let (share, marginal) = share_step(problem, values, t, points);
         price[t] = marginal;
         share
     });
@@ -54,7 +50,6 @@ fn share_step<V: CostToGo>(
     problem: &PlanProblem<'_>,
     values: &V,
     t: usize,
-    hours: f64,
     points: &[Point],
 ) -> (Vec<f64>, f64) {
     let demand_w = problem.demand_w[t];
@@ -63,27 +58,24 @@ fn share_step<V: CostToGo>(
     let units = ((demand_w / max_w * PARTS as f64).ceil() as usize).max(PARTS);
     let unit_w = demand_w / units as f64;
     let power_w = |m: usize, k: usize| (k as f64 * unit_w).min(limit_w[m]);
-    let ends = |group: usize, m: usize| -> Vec<(f64, V::End)> {
+    let ends = |m: usize| -> Vec<(f64, V::End)> {
         let most = ((limit_w[m] / unit_w * (1.0 + 1e-9)) as usize).min(units);
         (0..=most)
             .map(|k| {
                 let next = problem.step(m, t, &Point { cost: 0.0, ..points[m] }, power_w(m, k));
-                (next.cost, values.end(group, m, next.state, next.running, hours))
+                (next.cost, values.end(m, t + 1, &next))
             })
             .collect()
     };
     let table = |(index, group): (usize, &Group)| -> Table {
-        let first = ends(index, group.first);
-        let Some(second) = group.second else {
-            let alone =
-                |(k, &(cost, end)): (usize, &(f64, V::End))| (cost + values.cost(index, end, None, hours), k);
-            return first.iter().enumerate().map(alone).collect();
-        };
-        let second = ends(index, second);
+        let first = ends(group.first);
+        let second = group.second.map_or(vec![(0.0, None)], |m| {
+            ends(m).into_iter().map(|(cost, end)| (cost, Some(end))).collect()
+        });
         let mut table = vec![(f64::INFINITY, 0); (first.len() + second.len() - 1).min(units + 1)];
         for (k, &(cost_a, a)) in first.iter().enumerate() {
             for (best, &(cost_b, b)) in table[k..].iter_mut().zip(&second) {
-                let cost = cost_a + cost_b + values.cost(index, a, Some(b), hours);
+                let cost = cost_a + cost_b + values.cost(index, t + 1, a, b);
                 if cost < best.0 {
                     *best = (cost, k);
                 }
@@ -102,9 +94,8 @@ fn share_step<V: CostToGo>(
     }
     // Limits are not whole units.
     fill_up(&mut share, demand_w, limit_w);
-    let cheapest_shed = problem.prices.losses[t].availability.max(problem.prices.losses[t].derating);
     let price = clearing_price(&tables, units) / (unit_w * problem.intervals[t].dt_h);
-    (share, price.min(cheapest_shed))
+    (share, price.min(problem.shed_price(t)))
 }
 
 /// Units of each table at minimum total cost; in total `units`, or all units of the tables.

@@ -16,12 +16,12 @@ mod blocks;
 pub(crate) mod dual;
 mod groups;
 mod look_ahead;
+mod nodes;
 mod pair;
 mod pairs;
 mod paths;
 mod problem;
 pub(crate) mod proof;
-mod soc_nodes;
 mod starts;
 mod sweep;
 
@@ -190,7 +190,7 @@ impl PlanProblem<'_> {
             return (found, None);
         }
         let mut per = self.steps_of(PAIRS_STEP_H).min((n_steps / MAX_STEPS_AT_FINE_STEP).max(1));
-        let pairs = PairValues::solve(&self.coarsened(per));
+        let pairs = PairValues::solve(self, per);
         let (ahead, price) = look_ahead(self, &pairs);
         found.push(polish(ahead));
         // A pair that is the whole plant leaves prices nothing to coordinate.

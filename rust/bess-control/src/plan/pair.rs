@@ -21,7 +21,7 @@ pub(crate) struct Room {
 impl Room {
     /// Range for two requests with a constant sum.
     #[inline]
-    fn of(sum_w: f64, first_limit_w: f64, second_limit_w: f64) -> Self {
+    pub fn of(sum_w: f64, first_limit_w: f64, second_limit_w: f64) -> Self {
         let high_w = first_limit_w.min(sum_w);
         // If both strings are at their limits, the ends are equal except for rounding.
         Self { sum_w, low_w: (sum_w - second_limit_w).max(0.0).min(high_w), high_w }

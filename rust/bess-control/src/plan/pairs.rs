@@ -7,9 +7,11 @@
 use bess_tables::widest;
 
 use crate::cores;
-use crate::model::{Range, StringState};
+use crate::model::StringState;
 use crate::plan::look_ahead::{CostToGo, Group};
-use crate::plan::problem::{kinds, PlanProblem, Point};
+use crate::plan::nodes::Nodes;
+use crate::plan::pair::Room;
+use crate::plan::problem::{kind_of_each, kinds, PlanProblem, Point};
 use crate::rules::water_fill;
 
 /// Number of SOC nodes. A plan for seven days of two reference strings costs 1.5 % more with 25, and the same with 41.
@@ -20,68 +22,45 @@ const TEMPERATURE_STEP_K: f64 = 4.9;
 const SHARES: usize = 12;
 /// Derating factor at which the grid ends: plans do not use hotter strings.
 const MIN_DERATING: f64 = 0.25;
-/// Margin of the grid above the hottest string without derating [K].
-const WARMING_K: f64 = 35.0;
-
-/// Nodes of SOC and temperature of one string, evenly spaced.
-#[derive(Debug, Clone)]
+/// Nodes of SOC and temperature of one string.
+#[derive(Debug)]
 struct Grid {
-    soc: Axis,
-    temperature_c: Axis,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Axis {
-    low: f64,
-    high: f64,
-    nodes: usize,
-}
-
-impl Axis {
-    fn at(&self, node: usize) -> f64 {
-        self.low + (self.high - self.low) * node as f64 / (self.nodes - 1) as f64
-    }
-
-    /// Lower node of the cell of a value, and its relative position in the cell.
-    fn locate(&self, value: f64) -> (usize, f32) {
-        let last = (self.nodes - 1) as f64;
-        let x = ((value - self.low) / (self.high - self.low) * last).clamp(0.0, last);
-        let node = (x as usize).min(self.nodes - 2);
-        (node, (x - node as f64) as f32)
-    }
+    soc: Nodes,
+    temperature_c: Nodes,
 }
 
 /// Four nodes and their weights: bilinear interpolation at a state.
 pub(crate) type Corners = [(u32, f32); 4];
 
+/// The one node of a string that is missing.
+const NO_STRING: Corners = [(0, 1.0), (0, 0.0), (0, 0.0), (0, 0.0)];
+
 impl Grid {
     fn new(problem: &PlanProblem<'_>, m: usize) -> Self {
-        let p = &problem.model.strings()[m].parameters;
-        let Range { low, high: warmest } = problem.temperatures_c(0..problem.n_strings());
-        let factor = &p.derating.factor;
-        let stop = factor.x().iter().copied().find(|&c| factor.at(c) < MIN_DERATING);
-        let high = stop.unwrap_or(warmest + WARMING_K).max(warmest + TEMPERATURE_STEP_K);
-        let nodes = ((high - low) / TEMPERATURE_STEP_K).ceil() as usize + 1;
-        let soc = problem.soc_range(m);
+        let factor = &problem.model.strings()[m].parameters.derating.factor;
+        let stop_c = factor.x().iter().copied().find(|&c| factor.at(c) < MIN_DERATING);
+        let range_c = problem.temperatures_to_c(stop_c, TEMPERATURE_STEP_K);
+        let cells = ((range_c.high - range_c.low) / TEMPERATURE_STEP_K).ceil() as usize;
         Self {
-            soc: Axis { low: soc.low, high: soc.high, nodes: SOC_NODES },
-            temperature_c: Axis { low, high, nodes },
+            soc: Nodes::over(problem.soc_range(m), SOC_NODES - 1),
+            temperature_c: Nodes::over(range_c, cells),
         }
     }
 
     fn len(&self) -> usize {
-        self.soc.nodes * self.temperature_c.nodes
+        self.soc.len * self.temperature_c.len
     }
 
     fn state(&self, node: usize) -> StringState {
-        let (i, j) = (node / self.temperature_c.nodes, node % self.temperature_c.nodes);
-        StringState { soc: self.soc.at(i), temperature_c: self.temperature_c.at(j) }
+        let (i, j) = (node / self.temperature_c.len, node % self.temperature_c.len);
+        StringState { soc: self.soc.at(i as f64), temperature_c: self.temperature_c.at(j as f64) }
     }
 
     fn corners(&self, state: StringState) -> Corners {
         let (i, s) = self.soc.locate(state.soc);
         let (j, t) = self.temperature_c.locate(state.temperature_c);
-        let next = self.temperature_c.nodes;
+        let (s, t) = (s as f32, t as f32);
+        let next = self.temperature_c.len;
         let node = i * next + j;
         [
             (node as u32, (1.0 - s) * (1.0 - t)),
@@ -92,48 +71,39 @@ impl Grid {
     }
 }
 
-/// Cost to go of identical pairs.
-#[derive(Debug)]
-struct PairValue {
-    first: Grid,
-    second: Option<Grid>,
-    /// At each time, `(n_first, n_second)`; a string without a partner has one column.
-    planes: Vec<Vec<f32>>,
-}
-
 /// Cost to go of all pairs.
 #[derive(Debug)]
 pub(crate) struct PairValues {
     groups: Vec<Group>,
-    /// Index of each group in `values`: identical pairs share a function.
-    kinds: Vec<usize>,
-    values: Vec<PairValue>,
-    dt_h: f64,
+    /// Kind of each group: identical pairs share a function.
+    kind_of: Vec<usize>,
+    /// Cost to go of each kind, at each time `(n_first, n_second)`; a string without a partner has one column.
+    planes: Vec<Vec<Vec<f32>>>,
+    /// Of each string `(M,)`.
+    grids: Vec<Grid>,
+    /// Steps of the problem in one of the pairs.
+    per: usize,
 }
 
 impl PairValues {
-    /// Solves all pairs over a problem with steps of equal length.
-    pub fn solve(problem: &PlanProblem<'_>) -> Self {
+    /// Solves all pairs in steps `per` times as long as those of the problem.
+    pub fn solve(problem: &PlanProblem<'_>, per: usize) -> Self {
+        let problem = &problem.coarsened(per);
+        let grids: Vec<Grid> = (0..problem.n_strings()).map(|m| Grid::new(problem, m)).collect();
         let pair = |pair: &[usize]| Group { first: pair[0], second: pair.get(1).copied() };
         let groups: Vec<Group> = in_pairs(problem).chunks(2).map(pair).collect();
-        let alike = |a: Group, b: Group| {
+        let alike = |a: usize, b: usize| {
+            let (a, b) = (groups[a], groups[b]);
             problem.alike(a.first, b.first)
                 && match (a.second, b.second) {
                     (Some(a), Some(b)) => problem.alike(a, b),
                     (a, b) => a == b,
                 }
         };
-        let (kinds, distinct) = kinds(groups.iter().copied(), alike);
-        let values = cores::map(distinct, |group| solve(problem, group));
-        Self { groups, kinds, values, dt_h: problem.intervals.first().map_or(1.0, |i| i.dt_h) }
-    }
-
-    /// Planes before and after a time, and its relative position between them.
-    fn planes(&self, group: usize, hours: f64) -> (&[f32], &[f32], f32) {
-        let planes = &self.values[self.kinds[group]].planes;
-        let x = (hours / self.dt_h).min((planes.len() - 1) as f64);
-        let before = (x as usize).min(planes.len() - 2);
-        (&planes[before], &planes[before + 1], (x - before as f64) as f32)
+        let kinds = kinds(0..groups.len(), alike);
+        let kind_of = kind_of_each(&kinds, groups.len());
+        let planes = cores::map(kinds, |kind| solve(problem, &grids, groups[kind[0]]));
+        Self { groups, kind_of, planes, grids, per }
     }
 }
 
@@ -144,20 +114,20 @@ impl CostToGo for PairValues {
         &self.groups
     }
 
-    fn end(&self, group: usize, string: usize, state: StringState, _running: bool, _hours: f64) -> Corners {
-        let value = &self.values[self.kinds[group]];
-        let grid =
-            if string == self.groups[group].first { Some(&value.first) } else { value.second.as_ref() };
-        grid.map_or([(0, 0.0); 4], |grid| grid.corners(state))
+    fn end(&self, string: usize, _t: usize, point: &Point) -> Corners {
+        self.grids[string].corners(point.state)
     }
 
-    fn cost(&self, group: usize, first: Corners, second: Option<Corners>, hours: f64) -> f64 {
-        let (before, after, late) = self.planes(group, hours);
-        let second_nodes = before.len() / self.values[self.kinds[group]].first.len();
-        let second = second.unwrap_or([(0, 1.0), (0, 0.0), (0, 0.0), (0, 0.0)]);
+    /// Interpolated between the times before and after.
+    fn cost(&self, group: usize, t: usize, first: Corners, second: Option<Corners>) -> f64 {
+        let planes = &self.planes[self.kind_of[group]];
+        let time = (t as f64 / self.per as f64).min((planes.len() - 1) as f64);
+        let index = (time as usize).min(planes.len() - 2);
+        let (before, after, late) = (&planes[index], &planes[index + 1], (time - index as f64) as f32);
+        let second_nodes = before.len() / self.grids[self.groups[group].first].len();
         let mut cost = 0.0;
         for (x, weight_x) in first {
-            for (y, weight_y) in second {
+            for (y, weight_y) in second.unwrap_or(NO_STRING) {
                 let node = x as usize * second_nodes + y as usize;
                 cost += weight_x * weight_y * (before[node] + late * (after[node] - before[node]));
             }
@@ -203,52 +173,44 @@ struct Shared {
     least: Vec<f32>,
 }
 
-fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
-    let n_steps = problem.n_steps();
-    let first = Grid::new(problem, group.first);
-    let second = group.second.map(|m| Grid::new(problem, m));
-    let (n_a, n_b) = (first.len(), second.as_ref().map_or(1, Grid::len));
-    let symmetric = group.second.is_some_and(|m| problem.alike(group.first, m));
-
-    let ends = |m: usize, grid: &Grid, node: usize| problem.end_cost(m, grid.state(node)) as f32;
-    let mut end = vec![0f32; n_a * n_b];
-    for (index, value) in end.iter_mut().enumerate() {
-        *value = ends(group.first, &first, index / n_b);
-        if let (Some(m), Some(grid)) = (group.second, &second) {
-            *value += ends(m, grid, index % n_b);
-        }
-    }
-    let mut planes = vec![end; n_steps + 1];
+/// Costs to go of a pair at each time.
+fn solve(problem: &PlanProblem<'_>, grids: &[Grid], group: Group) -> Vec<Vec<f32>> {
+    let Group { first, second } = group;
+    let (n_a, n_b) = (grids[first].len(), second.map_or(1, |m| grids[m].len()));
+    let symmetric = second.is_some_and(|m| problem.alike(first, m));
+    let of_string = |m: usize, node: usize| problem.end_cost(m, grids[m].state(node)) as f32;
+    let end = |x: usize| of_string(first, x / n_b) + second.map_or(0.0, |m| of_string(m, x % n_b));
+    let mut planes = vec![(0..n_a * n_b).map(end).collect::<Vec<f32>>(); problem.n_steps() + 1];
     let (mut moves_a, mut moves_b): (Moves, Moves) = (vec![], vec![]);
     let nodes = vec![0.0; n_a * n_b];
     let n_parts = cores::threads(SHARES + 1);
     let mut parts = vec![Shared { half: nodes.clone(), turned: nodes.clone(), least: nodes }; n_parts];
     let mut same_as: Option<usize> = None;
-    for t in (0..n_steps).rev() {
+    for t in (0..problem.n_steps()).rev() {
         let sum_w = part_of_demand(problem, group, t);
-        let second_limit_w = group.second.map_or(0.0, |m| problem.limit_w(m, t));
-        let high_w = problem.limit_w(group.first, t).min(sum_w);
-        let low_w = (sum_w - second_limit_w).max(0.0).min(high_w);
-        let shares = if high_w - low_w > 1e-6 * sum_w { SHARES } else { 0 };
+        let room = Room::of(sum_w, problem.limit_w(first, t), second.map_or(0.0, |m| problem.limit_w(m, t)));
+        let shares = if room.is_open() { SHARES } else { 0 };
         // Identical strings are interchangeable, so half of the shares suffice.
         let used = if symmetric { shares / 2 } else { shares };
         if !same_as.is_some_and(|s| problem.same_step(s, t)) {
             same_as = Some(t);
             moves_a.clear();
             moves_b.clear();
+            let moves = |m: usize, power_w: f64| {
+                let grid = &grids[m];
+                (0..grid.len()).map(move |node| {
+                    let from = Point { state: grid.state(node), cost: 0.0, running: true };
+                    let next = problem.step(m, t, &from, power_w);
+                    (next.cost as f32, grid.corners(next.state))
+                })
+            };
             for k in 0..=used {
-                let power_w = high_w - (high_w - low_w) * (shares - k) as f64 / shares.max(1) as f64;
-                let fill = |moves: &mut Moves, m: usize, grid: &Grid, power_w: f64| {
-                    moves.extend((0..grid.len()).map(|node| {
-                        let from = Point { state: grid.state(node), cost: 0.0, running: true };
-                        let next = problem.step(m, t, &from, power_w);
-                        (next.cost as f32, grid.corners(next.state))
-                    }));
-                };
-                fill(&mut moves_a, group.first, &first, power_w);
-                match (group.second, &second) {
-                    (Some(m), Some(grid)) => fill(&mut moves_b, m, grid, (sum_w - power_w).max(0.0)),
-                    _ => moves_b.push((0.0, [(0, 1.0), (0, 0.0), (0, 0.0), (0, 0.0)])),
+                let below = (shares - k) as f64 / shares.max(1) as f64;
+                let power_w = room.high_w - (room.high_w - room.low_w) * below;
+                moves_a.extend(moves(first, power_w));
+                match second {
+                    Some(m) => moves_b.extend(moves(m, (sum_w - power_w).max(0.0))),
+                    None => moves_b.push((0.0, NO_STRING)),
                 }
             }
         }
@@ -271,7 +233,7 @@ fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
             now.iter_mut().zip(&*least).for_each(|(value, &other)| *value = value.min(other));
         }
     }
-    PairValue { first, second, planes }
+    planes
 }
 
 widest! {

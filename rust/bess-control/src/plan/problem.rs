@@ -11,6 +11,9 @@ use crate::model::{
 };
 use crate::reactive::curve_at_power_factor;
 
+/// Margin of a grid above the hottest string without derating [K].
+const WARMING_K: f64 = 35.0;
+
 /// Prices of a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prices {
@@ -65,19 +68,28 @@ pub struct PlanProblem<'a> {
     inverters: Vec<usize>,
 }
 
-/// The kind of each item, and the first item of each kind.
-pub(crate) fn kinds<T: Copy>(
-    items: impl IntoIterator<Item = T>,
-    alike: impl Fn(T, T) -> bool,
-) -> (Vec<usize>, Vec<T>) {
-    let mut firsts: Vec<T> = vec![];
-    let mut kind = |item: T| {
-        firsts.iter().position(|&first| alike(first, item)).unwrap_or_else(|| {
-            firsts.push(item);
-            firsts.len() - 1
-        })
-    };
-    (items.into_iter().map(&mut kind).collect(), firsts)
+/// Lists of items that are alike.
+pub(crate) fn kinds(
+    items: impl IntoIterator<Item = usize>,
+    alike: impl Fn(usize, usize) -> bool,
+) -> Vec<Vec<usize>> {
+    let mut kinds: Vec<Vec<usize>> = vec![];
+    for item in items {
+        match kinds.iter_mut().find(|kind| alike(kind[0], item)) {
+            Some(kind) => kind.push(item),
+            None => kinds.push(vec![item]),
+        }
+    }
+    kinds
+}
+
+/// The kind of each of `n` items, 0 for those of no kind.
+pub(crate) fn kind_of_each(kinds: &[Vec<usize>], n: usize) -> Vec<usize> {
+    let mut of_each = vec![0; n];
+    for (kind, items) in kinds.iter().enumerate() {
+        items.iter().for_each(|&item| of_each[item] = kind);
+    }
+    of_each
 }
 
 impl<'a> PlanProblem<'a> {
@@ -173,12 +185,12 @@ impl<'a> PlanProblem<'a> {
         let strings = self.model.strings();
         let of_inverter =
             |a: usize, b: usize| strings[a].parameters.inverter == strings[b].parameters.inverter;
-        let (inverters, kinds) = kinds(0..n_strings, of_inverter);
-        self.inverters = inverters;
-        for m in kinds {
+        let kinds = kinds(0..n_strings, of_inverter);
+        self.inverters = kind_of_each(&kinds, n_strings);
+        for kind in kinds {
             for (t, &factor) in factors.iter().enumerate() {
-                let curve = strings[m].loss(self.intervals[t].direction);
-                let nominal_w = strings[m].nominal_w();
+                let curve = strings[kind[0]].loss(self.intervals[t].direction);
+                let nominal_w = strings[kind[0]].nominal_w();
                 self.curves.push(curve_at_power_factor(curve, nominal_w, factor, self.demand_w[t]));
             }
         }
@@ -251,6 +263,17 @@ impl<'a> PlanProblem<'a> {
         (sample, share)
     }
 
+    /// Length of the steps, which are of one length in dynamic programs [h].
+    pub(crate) fn dt_h(&self) -> f64 {
+        self.intervals[0].dt_h
+    }
+
+    /// Usable SOC window of a string.
+    pub(crate) fn soc_window(&self, m: usize) -> Range {
+        let (low, high) = self.model.strings()[m].soc_window();
+        Range { low, high }
+    }
+
     /// Number of steps in at most about `hours`, at least one, that divides the horizon as evenly as possible.
     pub(crate) fn steps_of(&self, hours: f64) -> usize {
         let n_steps = self.n_steps();
@@ -268,14 +291,7 @@ impl<'a> PlanProblem<'a> {
 
     /// Groups of identical strings in service.
     pub(crate) fn kinds(&self) -> Vec<Vec<usize>> {
-        let mut kinds: Vec<Vec<usize>> = vec![];
-        for m in (0..self.n_strings()).filter(|&m| self.is_in_service(m)) {
-            match kinds.iter_mut().find(|kind| self.alike(kind[0], m)) {
-                Some(kind) => kind.push(m),
-                None => kinds.push(vec![m]),
-            }
-        }
-        kinds
+        kinds((0..self.n_strings()).filter(|&m| self.is_in_service(m)), |a, b| self.alike(a, b))
     }
 
     /// Initial temperatures of the strings and their ambient temperatures over the plan [degC].
@@ -284,13 +300,20 @@ impl<'a> PlanProblem<'a> {
         ambient_c.chain(strings.into_iter().map(|m| self.start[m].temperature_c)).collect()
     }
 
+    /// Temperatures of a grid, from the coolest to at least `least_k` above the warmest that strings have without work. The grid
+    /// ends where strings `stop` for their derating, if they do [degC].
+    pub(crate) fn temperatures_to_c(&self, stop: Option<f64>, least_k: f64) -> Range {
+        let Range { low, high } = self.temperatures_c(0..self.n_strings());
+        Range { low, high: stop.unwrap_or(high + WARMING_K).max(high + least_k) }
+    }
+
     /// SOC change of a half-full string in a step at full power.
     pub(crate) fn soc_of_full_step(&self, m: usize) -> f64 {
         let string = &self.model.strings()[m];
         let p = &string.parameters;
         let middle = StringState { soc: 0.5 * (p.soc_min + p.soc_max), temperature_c: 25.0 };
         let volt = string.coefficients(Direction::Discharge, middle).voltage_v;
-        string.nominal_w() / volt * self.intervals[0].dt_h / p.capacity_ah
+        string.nominal_w() / volt * self.dt_h() / p.capacity_ah
     }
 
     /// SOC that strings like `m` may reach, by full power in all steps and a margin for lower voltages.
@@ -365,14 +388,21 @@ impl<'a> PlanProblem<'a> {
         &self.limit_w[t * self.n_strings()..(t + 1) * self.n_strings()]
     }
 
-    /// Largest request that a string can get in any step [W].
-    pub(crate) fn most_w(&self, m: usize) -> f64 {
-        (0..self.n_steps()).map(|t| self.demand_w[t].min(self.limit_w(m, t))).fold(0.0, f64::max)
+    /// Maximum request of a string in a step, which is at most the demand [W].
+    #[inline]
+    pub(crate) fn cap_w(&self, m: usize, t: usize) -> f64 {
+        self.demand_w[t].min(self.limit_w(m, t))
     }
 
     /// Whether a string is in service in any step.
     pub(crate) fn is_in_service(&self, m: usize) -> bool {
         (0..self.n_steps()).any(|t| self.limit_w(m, t) > 0.0)
+    }
+
+    /// Price of undelivered energy at which no energy is worth delivering [cost/Wh].
+    #[inline]
+    pub(crate) fn shed_price(&self, t: usize) -> f64 {
+        self.prices.losses[t].availability.max(self.prices.losses[t].derating)
     }
 
     /// Number of strings.

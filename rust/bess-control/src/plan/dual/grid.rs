@@ -7,17 +7,15 @@
 use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::{widest, Direction};
 
-use crate::model::{Interval, Losses, Range, StringModel, StringState};
+use crate::model::{Interval, Losses, StringModel, StringState};
+use crate::plan::nodes::Nodes;
 use crate::plan::problem::PlanProblem;
-use crate::plan::soc_nodes::SocNodes;
 
 /// SOC change of a step at full power [nodes].
 const NODES_PER_STEP: f64 = 10.0;
 /// Minimum and maximum number of SOC nodes.
 const SOC_NODES: (usize, usize) = (40, 400);
 pub(super) const TEMPERATURE_NODES: usize = 32;
-/// Margin of the grid above the hottest string without derating [K].
-const WARMING_K: f64 = 35.0;
 /// Least share of its temperature that a string keeps in a step.
 const MIN_KEPT: f64 = 0.1;
 
@@ -51,11 +49,12 @@ pub(super) struct Moves {
 }
 
 /// The grid of identical strings.
-pub(super) struct Grid {
-    pub(super) soc: SocNodes,
-    coolest_c: f64,
-    temperature_step_k: f64,
-    dt_h: f64,
+pub(super) struct Grid<'a> {
+    pub(super) problem: &'a PlanProblem<'a>,
+    /// One of the strings.
+    pub(super) string: usize,
+    pub(super) soc: Nodes,
+    temperature_c: Nodes,
     derating: Row,
     charge: Moves,
     discharge: Moves,
@@ -124,28 +123,25 @@ fn pad(row: &Row) -> Padded {
     padded
 }
 
-impl Grid {
-    pub(super) fn new(problem: &PlanProblem<'_>, m: usize) -> Self {
+impl<'a> Grid<'a> {
+    pub(super) fn new(problem: &'a PlanProblem<'a>, m: usize) -> Self {
         let string = &problem.model.strings()[m];
-        let p = &string.parameters;
-        let dt_h = problem.intervals[0].dt_h;
-        let cells = ((p.soc_max - p.soc_min) / problem.soc_of_full_step(m) * NODES_PER_STEP).round() as usize;
-        let cells = cells.clamp(SOC_NODES.0, SOC_NODES.1);
-        let Range { low: coolest_c, high: warmest } = problem.temperatures_c(0..problem.n_strings());
-        let factor = &p.derating.factor;
-        let stop = factor.x().last().copied().filter(|&c| factor.at(c) < 1.0).unwrap_or(warmest + WARMING_K);
-        let temperature_step_k = (stop.max(warmest + 1.0) - coolest_c) / (TEMPERATURE_NODES - 1) as f64;
+        let window = problem.soc_window(m);
+        let cells =
+            ((window.high - window.low) / problem.soc_of_full_step(m) * NODES_PER_STEP).round() as usize;
+        let factor = &string.parameters.derating.factor;
+        let stop_c = factor.x().last().copied().filter(|&c| factor.at(c) < 1.0);
+        let temperature_c = Nodes::over(problem.temperatures_to_c(stop_c, 1.0), TEMPERATURE_NODES - 1);
         let mut grid = Self {
-            soc: SocNodes::of(string, cells),
-            coolest_c,
-            temperature_step_k,
-            dt_h,
-            derating: [0.0; TEMPERATURE_NODES],
+            problem,
+            string: m,
+            soc: Nodes::over(window, cells.clamp(SOC_NODES.0, SOC_NODES.1)),
+            temperature_c,
+            derating: std::array::from_fn(|j| factor.at(temperature_c.at(j as f64)) as f32),
             charge: Moves::default(),
             discharge: Moves::default(),
             cooled: vec![],
         };
-        grid.derating = std::array::from_fn(|j| factor.at(grid.temperature_c(j)) as f32);
         grid.charge = grid.moves(string, Direction::Charge);
         grid.discharge = grid.moves(string, Direction::Discharge);
         grid.cooled = problem.intervals.iter().map(|interval| grid.cooled(string, interval)).collect();
@@ -161,10 +157,11 @@ impl Grid {
         let curve = string.loss(direction);
         let highest_w = curve.at(string.nominal_w()).1;
         let no_load_w = curve.internal_w(0.0, curve.at(0.0).0);
-        let factors: Row<f64> = std::array::from_fn(|j| p.derating.factor.at(self.temperature_c(j)));
+        let factors: Row<f64> =
+            std::array::from_fn(|j| p.derating.factor.at(self.temperature_c.at(j as f64)));
         let mut out = Moves::default();
         for k in 0.. {
-            let current_a = self.soc.step * k as f64 * p.capacity_ah / self.dt_h;
+            let current_a = self.soc.step * k as f64 * p.capacity_ah / self.problem.dt_h();
             let mut any = false;
             for i in 0..self.soc.len {
                 let mut request_w = [f32::INFINITY; TEMPERATURE_NODES];
@@ -173,7 +170,8 @@ impl Grid {
                     for j in 0..TEMPERATURE_NODES {
                         let at = |share: f64| {
                             let soc = self.soc.at(i as f64 + share * (to as f64 - i as f64));
-                            let state = StringState { soc, temperature_c: self.temperature_c(j) };
+                            let temperature_c = self.temperature_c.at(j as f64);
+                            let state = StringState { soc, temperature_c };
                             string.coefficients(direction, state)
                         };
                         let (start, middle, end) = (at(0.0), at(0.5), at(1.0));
@@ -213,32 +211,27 @@ impl Grid {
     /// Where the heat of a row of moves leads, before it cools.
     fn heated(&self, string: &StringModel, battery_w: &Row) -> Band {
         let lumped = &string.parameters.lumped;
-        let dt_s = self.dt_h * SECONDS_PER_HOUR;
+        let dt_s = self.problem.dt_h() * SECONDS_PER_HOUR;
         let kept = (1.0 - dt_s * lumped.k2_per_s).max(MIN_KEPT);
-        let nodes_per_w = dt_s * lumped.k1_k_per_j / kept / self.temperature_step_k;
+        let nodes_per_w = dt_s * lumped.k1_k_per_j / kept / self.temperature_c.step;
         Band::new(battery_w.map(|heat_w| nodes_per_w * f64::from(heat_w)))
     }
 
     fn cooled(&self, string: &StringModel, interval: &Interval) -> Band {
-        let change_k = |j| {
-            let from_c = self.temperature_c(j);
+        let change_k = |j: usize| {
+            let from_c = self.temperature_c.at(j as f64);
             string.warmed(from_c, 0.0, interval) - from_c
         };
-        Band::new(std::array::from_fn(|j| change_k(j) / self.temperature_step_k))
+        Band::new(std::array::from_fn(|j| change_k(j) / self.temperature_c.step))
     }
 
     pub(super) fn moves_in(&self, direction: Direction) -> &Moves {
         direction.pick(&self.charge, &self.discharge)
     }
 
-    pub(super) fn temperature_c(&self, j: usize) -> f64 {
-        self.coolest_c + self.temperature_step_k * j as f64
-    }
-
     /// Nodes at a temperature and their weights; beyond the ends of the grid, those of its ends.
     pub(super) fn nodes(&self, temperature_c: f64) -> [(usize, f64); 4] {
-        let last = TEMPERATURE_NODES - 1;
-        let at = ((temperature_c - self.coolest_c) / self.temperature_step_k).clamp(0.0, last as f64);
+        let at = self.temperature_c.position(temperature_c);
         let mut n = at as usize;
         weights(at).map(|weight| {
             n += 1;
@@ -247,43 +240,32 @@ impl Grid {
     }
 }
 
-/// A step of the dynamic program.
-pub(super) struct Step<'a> {
-    pub(super) direction: Direction,
-    /// Prices of losses [cost/Wh], of current [cost/Ah], of a start and of the power [cost/Wh].
-    pub(super) losses: &'a Losses,
-    pub(super) wear: f64,
-    pub(super) start: f64,
-    pub(super) price: f64,
-    /// Maximum request [W].
-    pub(super) cap_w: f64,
-    pub(super) cooled: &'a Band,
-}
-
 widest! {
-    /// Costs to go and best moves of strings that are off, then of those that run, from the costs to go after the step; rows
-    /// `(off or on, soc)`. A move between two nodes covers a request between theirs. `cool` has the costs to go before strings that run
+    /// Costs to go and best moves of strings that are off, then of those that run, from the costs to go after step `t` at a price of
+    /// power [cost/Wh]; rows `(off or on, soc)`. A move between two nodes covers a request between theirs. `cool` has the costs to go before strings that run
     /// have cooled, and is overwritten.
     pub(super) fn step_back(
-        grid: &Grid,
-        step: &Step<'_>,
+        grid: &Grid<'_>,
+        t: usize,
+        price: f64,
         after: &[Row],
         cool: &mut [Padded],
         now: &mut [Row],
         choice: &mut [Row<u16>],
     ) {
         let n_soc = grid.soc.len;
-        let &Step { direction, cooled, .. } = step;
+        let (problem, cooled) = (grid.problem, &grid.cooled[t]);
+        let direction = problem.intervals[t].direction;
         let moves = grid.moves_in(direction);
         let (after_off, after_on) = after.split_at(n_soc);
         for (cool, after) in cool.iter_mut().zip(after_on) {
             *cool = pad(&cooled.along(&pad(after)));
         }
-        let Losses { derating, inverter, battery, .. } = *step.losses;
+        let Losses { derating, inverter, battery, .. } = problem.prices.losses[t];
         let [price, derating, inverter, battery, wear] =
-            [step.price, derating, inverter, battery, step.wear].map(|price| (grid.dt_h * price) as f32);
+            [price, derating, inverter, battery, problem.prices.wear[grid.string]].map(|price| (problem.dt_h() * price) as f32);
         let per_w = grid.derating.map(|factor| derating * (1.0 - factor) - price);
-        let [cap_w, start] = [step.cap_w, step.start].map(|value| value as f32);
+        let [cap_w, start] = [problem.cap_w(grid.string, t), problem.prices.start].map(|value| value as f32);
         let (now_off, now_on) = now.split_at_mut(n_soc);
         let (choice_off, choice_on) = choice.split_at_mut(n_soc);
         for i in 0..n_soc {

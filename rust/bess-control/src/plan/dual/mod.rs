@@ -41,7 +41,6 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, mut price: Vec<f64>, known_cost:
     let (mut request_w, mut cost) = (vec![], f64::INFINITY);
     let mut bundle = Bundle::default();
     let clearing = (CLEARING * passes as f64).ceil() as usize;
-    let shed = |t: usize| problem.prices.losses[t].availability.max(problem.prices.losses[t].derating);
     for pass in 0..passes {
         values.solve(&price);
         let (rolled, clearing_price) = look_ahead(problem, &values);
@@ -49,7 +48,8 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, mut price: Vec<f64>, known_cost:
             (cost, request_w) = (rolled.cost(), rolled.request_w());
         }
         // What is shed at its price leaves no power open.
-        let open = |(t, power): (usize, f64)| if price[t] < shed(t) { power } else { power.min(0.0) };
+        let open =
+            |(t, power): (usize, f64)| if price[t] < problem.shed_price(t) { power } else { power.min(0.0) };
         let slope = values.slope().into_iter().enumerate().map(open).collect();
         bundle.add(price.clone(), values.bound(&price), slope);
         if pass < clearing {
@@ -57,7 +57,7 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, mut price: Vec<f64>, known_cost:
             price.iter_mut().zip(&clearing_price).for_each(towards);
         } else {
             price = bundle.next(known_cost.min(cost));
-            price.iter_mut().enumerate().for_each(|(t, price)| *price = price.min(shed(t)));
+            price.iter_mut().enumerate().for_each(|(t, price)| *price = price.min(problem.shed_price(t)));
         }
     }
     let (price, bound) = bundle.best();

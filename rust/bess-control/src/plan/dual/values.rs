@@ -1,95 +1,76 @@
 //! Costs to go of strings at prices of the balance, and the power that is cheapest at these prices.
 
-use super::grid::{step_back, Grid, Row, Step, PADDED, TEMPERATURE_NODES};
+use super::grid::{step_back, Grid, Row, PADDED, TEMPERATURE_NODES};
 use crate::cores;
 use crate::model::StringState;
 use crate::plan::look_ahead::{CostToGo, Group};
-use crate::plan::problem::{kinds, PlanProblem};
+use crate::plan::problem::{kind_of_each, PlanProblem, Point};
 
 /// Weight of a node, in strings, below which it is neglected.
 const NEGLIGIBLE: f32 = 1e-7;
 
 /// The dynamic program of strings of one kind.
-struct Values {
+struct Kind<'a> {
+    grid: Grid<'a>,
+    members: Vec<usize>,
     /// Costs to go, rows `(T + 1, off or on, soc)`.
     cost: Vec<Row>,
     /// Best moves in steps of SOC, rows `(T, off or on, soc)`; 0 = off.
     choice: Vec<Row<u16>>,
 }
 
-/// Dynamic programs of all kinds of strings.
+/// Dynamic programs of all strings in service.
 pub(super) struct StringValues<'a> {
     problem: &'a PlanProblem<'a>,
     groups: Vec<Group>,
-    kinds: Vec<usize>,
-    grids: Vec<Grid>,
-    /// One string of each kind.
-    members: Vec<usize>,
-    values: Vec<Values>,
+    kinds: Vec<Kind<'a>>,
+    /// Kind of each string `(M,)`.
+    kind_of: Vec<usize>,
 }
 
-impl<'a> StringValues<'a> {
-    pub(super) fn new(problem: &'a PlanProblem<'a>) -> Self {
-        let in_service = (0..problem.n_strings()).filter(|&m| problem.is_in_service(m));
-        let (kinds, members) = kinds(in_service.clone(), |a, b| problem.alike(a, b));
-        let groups = in_service.map(|first| Group { first, second: None }).collect();
-        let grids: Vec<Grid> = members.iter().map(|&m| Grid::new(problem, m)).collect();
-        let n_steps = problem.n_steps();
-        let nodes = |grid: &Grid| Values {
-            cost: vec![[0.0; TEMPERATURE_NODES]; (n_steps + 1) * 2 * grid.soc.len],
-            choice: vec![[0; TEMPERATURE_NODES]; n_steps * 2 * grid.soc.len],
-        };
-        let values = grids.iter().map(nodes).collect();
-        Self { problem, groups, kinds, grids, members, values }
+impl<'a> Kind<'a> {
+    fn new(problem: &'a PlanProblem<'a>, members: Vec<usize>) -> Self {
+        let grid = Grid::new(problem, members[0]);
+        let (n_steps, n_rows) = (problem.n_steps(), 2 * grid.soc.len);
+        let cost = vec![[0.0; TEMPERATURE_NODES]; (n_steps + 1) * n_rows];
+        let choice = vec![[0; TEMPERATURE_NODES]; n_steps * n_rows];
+        Self { grid, members, cost, choice }
     }
 
-    /// Solves every kind of string backwards at prices `(T,)` [cost/Wh].
-    pub(super) fn solve(&mut self, price: &[f64]) {
-        let values = std::mem::take(&mut self.values).into_iter().enumerate().collect();
-        self.values = cores::map(values, |(kind, values)| self.backwards(kind, price, values));
-    }
-
-    /// The request of a string is at most the demand [W].
-    fn cap_w(&self, m: usize, t: usize) -> f64 {
-        self.problem.demand_w[t].min(self.problem.limit_w(m, t))
-    }
-
-    /// Overwrites all values of an earlier solution.
-    fn backwards(&self, kind: usize, price: &[f64], mut values: Values) -> Values {
-        let (problem, grid, m) = (self.problem, &self.grids[kind], self.members[kind]);
+    /// Solves backwards at prices `(T,)` [cost/Wh].
+    fn backwards(&mut self, price: &[f64]) {
+        let (problem, grid) = (self.grid.problem, &self.grid);
         let (n_steps, n_soc) = (problem.n_steps(), grid.soc.len);
-        for (i, row) in values.cost[n_steps * 2 * n_soc..].iter_mut().enumerate() {
-            let soc = grid.soc.at((i % n_soc) as f64);
-            *row = [problem.end_cost(m, StringState { soc, temperature_c: 25.0 }) as f32; TEMPERATURE_NODES];
+        for (i, row) in self.cost[n_steps * 2 * n_soc..].iter_mut().enumerate() {
+            let end = StringState { soc: grid.soc.at((i % n_soc) as f64), temperature_c: 25.0 };
+            *row = [problem.end_cost(grid.string, end) as f32; TEMPERATURE_NODES];
         }
         let mut cool = vec![[0.0; PADDED]; n_soc];
         for t in (0..n_steps).rev() {
-            let (before, after) = values.cost.split_at_mut((t + 1) * 2 * n_soc);
-            let step = Step {
-                direction: problem.intervals[t].direction,
-                losses: &problem.prices.losses[t],
-                wear: problem.prices.wear[m],
-                start: problem.prices.start,
-                price: price[t],
-                cap_w: self.cap_w(m, t),
-                cooled: &grid.cooled[t],
-            };
-            let choice = &mut values.choice[t * 2 * n_soc..][..2 * n_soc];
-            step_back(grid, &step, &after[..2 * n_soc], &mut cool, &mut before[t * 2 * n_soc..], choice);
+            let (before, after) = self.cost.split_at_mut((t + 1) * 2 * n_soc);
+            let choice = &mut self.choice[t * 2 * n_soc..][..2 * n_soc];
+            step_back(
+                grid,
+                t,
+                price[t],
+                &after[..2 * n_soc],
+                &mut cool,
+                &mut before[t * 2 * n_soc..],
+                choice,
+            );
         }
-        values
     }
 
-    /// Power of all strings of a kind with their best moves `(T,)` [W]: the weights of their states on the nodes, moved forwards.
-    fn forwards(&self, kind: usize) -> Vec<f64> {
-        let (problem, grid, m) = (self.problem, &self.grids[kind], self.members[kind]);
+    /// Power of all strings with their best moves `(T,)` [W]: the weights of their states on the nodes, moved forwards.
+    fn forwards(&self) -> Vec<f64> {
+        let (problem, grid) = (self.grid.problem, &self.grid);
         let n_soc = grid.soc.len;
         // Of strings that are off and on, in rows `(off or on, soc)`.
         let mut now = vec![[0.0; TEMPERATURE_NODES]; 2 * n_soc];
-        for (group, _) in self.groups.iter().zip(&self.kinds).filter(|(_, &of)| of == kind) {
-            let start = problem.start[group.first];
+        for &m in &self.members {
+            let start = problem.start[m];
             let (i, share) = grid.soc.locate(start.soc);
-            let off_or_on = usize::from(problem.running[group.first]) * n_soc;
+            let off_or_on = usize::from(problem.running[m]) * n_soc;
             for (j, weight) in grid.nodes(start.temperature_c) {
                 now[off_or_on + i][j] += ((1.0 - share) * weight) as f32;
                 now[off_or_on + i + 1][j] += (share * weight) as f32;
@@ -100,7 +81,7 @@ impl<'a> StringValues<'a> {
         let step = |t: usize| {
             let direction = problem.intervals[t].direction;
             let moves = grid.moves_in(direction);
-            let cap_w = self.cap_w(m, t) as f32;
+            let cap_w = problem.cap_w(grid.string, t) as f32;
             let cooled = &grid.cooled[t];
             let mut power_w = 0.0;
             heated.fill([0.0; TEMPERATURE_NODES]);
@@ -110,7 +91,7 @@ impl<'a> StringValues<'a> {
                 for (j, &weight) in
                     row.iter().enumerate().filter(|(_, &weight)| f32::abs(weight) > NEGLIGIBLE)
                 {
-                    let k = usize::from(self.values[kind].choice[2 * t * n_soc + place][j]);
+                    let k = usize::from(self.choice[2 * t * n_soc + place][j]);
                     if k == 0 {
                         cooled.spread(j, weight, &mut next[i]);
                         continue;
@@ -137,13 +118,29 @@ impl<'a> StringValues<'a> {
     }
 
     /// Cost to go of a string at the start of a step.
-    fn at(&self, group: usize, t: usize, state: StringState, running: bool) -> f64 {
-        let grid = &self.grids[self.kinds[group]];
+    fn at(&self, t: usize, state: StringState, running: bool) -> f64 {
+        let grid = &self.grid;
         let (i, share) = grid.soc.locate(state.soc);
-        let rows = &self.values[self.kinds[group]].cost[(2 * t + usize::from(running)) * grid.soc.len..];
+        let rows = &self.cost[(2 * t + usize::from(running)) * grid.soc.len..];
         let of = |i: usize, j: usize| f64::from(rows[i][j]);
         let at = |(j, weight): (usize, f64)| weight * ((1.0 - share) * of(i, j) + share * of(i + 1, j));
         grid.nodes(state.temperature_c).map(at).iter().sum()
+    }
+}
+
+impl<'a> StringValues<'a> {
+    pub(super) fn new(problem: &'a PlanProblem<'a>) -> Self {
+        let in_service = (0..problem.n_strings()).filter(|&m| problem.is_in_service(m));
+        let groups = in_service.map(|first| Group { first, second: None }).collect();
+        let kinds = problem.kinds();
+        let kind_of = kind_of_each(&kinds, problem.n_strings());
+        let kinds = kinds.into_iter().map(|members| Kind::new(problem, members)).collect();
+        Self { problem, groups, kinds, kind_of }
+    }
+
+    /// Solves all programs at prices `(T,)` [cost/Wh], and overwrites their earlier solution.
+    pub(super) fn solve(&mut self, price: &[f64]) {
+        cores::map(self.kinds.iter_mut().collect(), |kind| kind.backwards(price));
     }
 
     /// Bound of the cost of every schedule at prices `(T,)`.
@@ -152,17 +149,18 @@ impl<'a> StringValues<'a> {
         let demand = |t: usize| price[t] * problem.demand_w[t] * problem.intervals[t].dt_h;
         let (n, out) = (problem.n_strings(), |m: usize| !problem.is_in_service(m));
         let idle = |m: usize| problem.end_cost(m, problem.start[m]);
-        let start = |(index, group): (usize, &Group)| {
-            self.at(index, 0, problem.start[group.first], problem.running[group.first])
+        let start = |group: &Group| {
+            let m = group.first;
+            self.kinds[self.kind_of[m]].at(0, problem.start[m], problem.running[m])
         };
         (0..problem.n_steps()).map(demand).sum::<f64>()
             + (0..n).filter(|&m| out(m)).map(idle).sum::<f64>()
-            + self.groups.iter().enumerate().map(start).sum::<f64>()
+            + self.groups.iter().map(start).sum::<f64>()
     }
 
     /// Demand minus the optimal power of the strings `(T,)` [Wh]: the supergradient of the bound.
     pub(super) fn slope(&self) -> Vec<f64> {
-        let power_w = cores::map((0..self.grids.len()).collect(), |kind| self.forwards(kind));
+        let power_w = cores::map(self.kinds.iter().collect(), Kind::forwards);
         let open_w = |t: usize| self.problem.demand_w[t] - power_w.iter().map(|of| of[t]).sum::<f64>();
         (0..self.problem.n_steps()).map(|t| open_w(t) * self.problem.intervals[t].dt_h).collect()
     }
@@ -175,12 +173,11 @@ impl CostToGo for StringValues<'_> {
         &self.groups
     }
 
-    fn end(&self, group: usize, _string: usize, state: StringState, running: bool, hours: f64) -> f64 {
-        let t = (hours / self.problem.intervals[0].dt_h).round() as usize;
-        self.at(group, t, state, running)
+    fn end(&self, string: usize, t: usize, point: &Point) -> f64 {
+        self.kinds[self.kind_of[string]].at(t, point.state, point.running)
     }
 
-    fn cost(&self, _group: usize, first: f64, _second: Option<f64>, _hours: f64) -> f64 {
+    fn cost(&self, _group: usize, _t: usize, first: f64, _second: Option<f64>) -> f64 {
         first
     }
 }

@@ -30,8 +30,8 @@ use bess_tables::{widest, Direction};
 use crate::cores;
 use crate::extremes::{larger, smaller};
 use crate::model::{Range, StringModel, StringState};
+use crate::plan::nodes::Nodes;
 use crate::plan::problem::PlanProblem;
-use crate::plan::soc_nodes::SocNodes;
 use errors::{Bends, Errors, StepPrices};
 use images::Images;
 use moves::{Corner, Moves};
@@ -67,8 +67,8 @@ struct Fineness {
 
 impl Fineness {
     fn of(problem: &PlanProblem<'_>, m: usize, soc_cells: f64) -> Self {
-        let p = &problem.model.strings()[m].parameters;
-        let window = p.soc_max - p.soc_min;
+        let window = problem.soc_window(m);
+        let window = window.high - window.low;
         let most = MAX_SHARE_OF_CELLS * soc_cells * window / problem.soc_of_full_step(m).min(window);
         Self { soc_cells: soc_cells.min(most).ceil() as usize, temperature_k: SOC_CELLS_AT_1_K / soc_cells }
     }
@@ -79,7 +79,7 @@ struct Kind<'a> {
     problem: &'a PlanProblem<'a>,
     /// One of them.
     member: usize,
-    soc: SocNodes,
+    soc: Nodes,
     temperature_c: Vec<f64>,
     /// One over the derating factor, at each node of temperature.
     requests_per_power: Vec<f64>,
@@ -105,7 +105,7 @@ impl<'a> Kind<'a> {
         let mut kind = Self {
             problem,
             member,
-            soc: SocNodes::of(string, fineness.soc_cells),
+            soc: Nodes::over(problem.soc_window(member), fineness.soc_cells),
             requests_per_power: factors.iter().map(|k| 1.0 / k.max(MIN_FACTOR)).collect(),
             factor: factors.windows(2).map(|k| Range::point(k[0]).union(&Range::point(k[1]))).collect(),
             temperature_c,
@@ -128,7 +128,7 @@ impl<'a> Kind<'a> {
 
     /// Most that a string is asked for in a step [W].
     fn cap_w(&self, t: usize) -> f64 {
-        self.problem.demand_w[t].min(self.problem.limit_w(self.member, t)) * (1.0 + ROUNDING)
+        self.problem.cap_w(self.member, t) * (1.0 + ROUNDING)
     }
 
     fn n_temperatures(&self) -> usize {

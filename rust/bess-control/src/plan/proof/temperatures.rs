@@ -9,14 +9,13 @@ use crate::plan::problem::PlanProblem;
 /// Nodes of temperature that no schedule leaves: knots of the tables, and others so that no cell is wider than `widest_k`.
 pub(super) fn temperatures(problem: &PlanProblem<'_>, members: &[usize], widest_k: f64) -> Vec<f64> {
     let string = &problem.model.strings()[members[0]];
-    let p = &string.parameters;
     let Range { low, high } = problem.temperatures_c(members.iter().copied());
     let hottest_c = problem.temperatures_c([]).high;
-    let factor = &p.derating.factor;
+    let factor = &string.parameters.derating.factor;
     let knots = || factor.x().iter().copied();
     // What the strings can warm to in one step more, in parts in which the derating factor is nearly one.
-    let soc = Range { low: p.soc_min, high: p.soc_max };
-    let max_w = problem.most_w(members[0]);
+    let soc = problem.soc_window(members[0]);
+    let max_w = (0..problem.n_steps()).map(|t| problem.cap_w(members[0], t)).fold(0.0, f64::max);
     let mut reached = (low, high);
     let mut top = high;
     for _ in 0..problem.n_steps() {
