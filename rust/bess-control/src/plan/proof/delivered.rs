@@ -48,9 +48,8 @@ impl Delivered {
     pub(super) fn bends(&self, range: &Range) -> (f64, f64) {
         let (mut convex, mut concave) = (0.0, 0.0);
         let width = range.high - range.low;
-        for (knot, &g) in
-            self.internal_w.iter().enumerate().skip(1).take(self.power_w.len().saturating_sub(2))
-        {
+        for knot in 1..self.internal_w.len() - 1 {
+            let g = self.internal_w[knot];
             if g > range.low && g < range.high {
                 let bend =
                     (self.slope(knot) - self.slope(knot - 1)) * (g - range.low) * (range.high - g) / width;

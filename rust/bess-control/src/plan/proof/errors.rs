@@ -6,16 +6,16 @@ use super::images::{Image, Images};
 use super::moves::{Corner, Moves};
 use super::{Kind, MIN_FACTOR};
 use crate::extremes::{larger, smaller};
-use crate::model::Range;
+use crate::model::{Losses, Range};
 
 /// Prices of a step, and the resulting error terms of each temperature cell.
-pub(super) struct StepPrices {
-    pub(super) dt_h: f64,
-    pub(super) heat: f64,
-    pub(super) loss: f64,
-    pub(super) wear: f64,
+pub(super) struct StepPrices<'k> {
+    kind: &'k Kind<'k>,
+    /// Of the losses.
+    costs: &'k Losses,
+    dt_h: f64,
     /// Temperature per heat [K/W].
-    pub(super) rise: f64,
+    rise: f64,
     /// Price of delivered power at each node of temperature.
     pub(super) power: Vec<f64>,
     /// Largest slope of cost over internal power.
@@ -29,26 +29,27 @@ pub(super) struct StepPrices {
     /// Earnings of undelivered requests at each node of temperature: where strings derate, a request that is worth more
     /// than its derating loss may pay without any delivery.
     pub(super) dumped: Vec<f64>,
-    /// Largest request [W], and requests per delivered power at each node of temperature.
-    pub(super) cap_w: f64,
-    pub(super) per_power: Vec<f64>,
+    /// Largest request [W].
+    cap_w: f64,
     /// Largest net revenue of an inverter that discharges the battery below its no-load loss [cost].
     pub(super) drawing: Vec<f64>,
 }
 
-impl StepPrices {
+impl<'k> StepPrices<'k> {
     /// Cost of a corner at a node of temperature.
     #[inline]
     pub(super) fn cost(&self, corner: &Corner, j: usize) -> f64 {
-        let room_w = larger(0.0, self.cap_w - corner.power_w * self.per_power[j]);
+        let room_w = larger(0.0, self.cap_w - corner.power_w * self.kind.requests_per_power[j]);
         self.dt_h
-            * (self.heat * corner.heat_w + self.loss * corner.loss_w + self.power[j] * corner.power_w
+            * (self.costs.battery * corner.heat_w
+                + self.costs.inverter * corner.loss_w
+                + self.power[j] * corner.power_w
                 - self.dumped[j] * room_w)
     }
 
-    pub(super) fn new(kind: &Kind<'_>, t: usize, price: f64, moves: Option<&Moves>) -> Self {
+    pub(super) fn new(kind: &'k Kind<'k>, t: usize, price: f64, moves: Option<&Moves>) -> Self {
         let costs = &kind.problem.prices.losses[t];
-        let dt_h = kind.problem.intervals[t].dt_h;
+        let dt_h = kind.problem.dt_h();
         // Below 0, derated requests earn more than they cost.
         let margin = costs.derating - price;
         let per_power = &kind.requests_per_power;
@@ -62,10 +63,9 @@ impl StepPrices {
         let around = |j: usize| dumped[j.saturating_sub(1)].max(dumped[j.min(dumped.len() - 1)]);
         let dumped = (0..=kind.factor.len()).map(around).collect();
         let mut out = Self {
+            kind,
+            costs,
             dt_h,
-            heat: costs.battery,
-            loss: costs.inverter,
-            wear: kind.problem.prices.wear[kind.member],
             rise: dt_h * SECONDS_PER_HOUR * kind.string().parameters.lumped.k1_k_per_j,
             power,
             steepest: vec![],
@@ -74,7 +74,6 @@ impl StepPrices {
             tilt: vec![],
             dumped,
             cap_w: kind.cap_w(t),
-            per_power: per_power.clone(),
             drawing: vec![],
         };
         let Some(moves) = moves else { return out };
@@ -90,9 +89,8 @@ impl StepPrices {
             out.steepest.push(steepest);
             out.uneven.push(margin.max(0.0) * (per_power[1].sqrt() - per_power[0].sqrt()).powi(2));
             out.tilt.push(0.25 * margin.abs() * (per_power[1] - per_power[0]).abs());
-            let drawing = &moves.drawing;
-            out.drawing
-                .push(dt_h * ((-low).max(0.0) * drawing.max_power_w - costs.inverter * drawing.min_loss_w));
+            let revenue = (-low).max(0.0) * moves.max_drawing_w;
+            out.drawing.push(dt_h * (revenue - costs.inverter * moves.min_drawing_loss_w));
         }
         out
     }
@@ -116,50 +114,40 @@ pub(super) struct Bends {
 }
 
 impl Bends {
-    pub(super) fn new(kind: &Kind<'_>) -> Self {
-        let (nodes, columns) = (kind.n_nodes(), kind.soc.len * (kind.n_temperatures() - 1));
-        Self {
-            slope: vec![0.0; columns],
-            rise: vec![0.0; nodes],
-            least: vec![0.0; columns],
-            most: vec![0.0; columns],
-            largest: vec![0.0; nodes],
-            across: vec![0.0; columns],
-            over_soc: vec![0.0; nodes],
-        }
-    }
-
-    pub(super) fn of(&mut self, kind: &Kind<'_>, values: &[f64]) {
+    pub(super) fn new(kind: &Kind<'_>, values: &[f64]) -> Self {
         let (n_soc, n) = (kind.soc.len, kind.n_temperatures());
         let columns = n - 1;
+        let ([nodes, cells], zeros) = ([n_soc * n, n_soc * columns], |n| vec![0.0; n]);
+        let [mut slope, mut least, mut most, mut across] = [cells; 4].map(zeros);
+        let [mut rise, mut largest, mut over_soc] = [nodes; 3].map(zeros);
         for i in 0..n_soc {
             for j in 0..columns {
                 let width = kind.temperature_c[j + 1] - kind.temperature_c[j];
-                self.slope[i * columns + j] = (values[i * n + j + 1] - values[i * n + j]) / width;
+                slope[i * columns + j] = (values[i * n + j + 1] - values[i * n + j]) / width;
             }
             for j in 1..columns {
-                self.rise[i * n + j] =
-                    (self.slope[i * columns + j] - self.slope[i * columns + j - 1]).max(0.0);
+                rise[i * n + j] = (slope[i * columns + j] - slope[i * columns + j - 1]).max(0.0);
             }
             if i + 1 < n_soc {
                 for j in 0..n {
-                    self.over_soc[i * n + j] = (values[(i + 1) * n + j] - values[i * n + j]) / kind.soc.step;
+                    over_soc[i * n + j] = (values[(i + 1) * n + j] - values[i * n + j]) / kind.soc.step;
                 }
             }
         }
         for i in 0..n_soc {
             let (before, after) = (i.saturating_sub(1), (i + 1).min(n_soc - 1));
             for j in 0..columns {
-                let at = |i: usize| self.slope[i * columns + j];
-                self.least[i * columns + j] = at(before).min(at(i)).min(at(after));
-                self.most[i * columns + j] = at(before).max(at(i)).max(at(after));
-                self.across[i * columns + j] = (at(i) - at(before)).abs().max((at(i) - at(after)).abs());
+                let at = |i: usize| slope[i * columns + j];
+                least[i * columns + j] = at(before).min(at(i)).min(at(after));
+                most[i * columns + j] = at(before).max(at(i)).max(at(after));
+                across[i * columns + j] = (at(i) - at(before)).abs().max((at(i) - at(after)).abs());
             }
             for j in 1..columns {
-                let at = |i: usize| self.rise[i * n + j];
-                self.largest[i * n + j] = at(before).max(at(i)).max(at(after));
+                let at = |i: usize| rise[i * n + j];
+                largest[i * n + j] = at(before).max(at(i)).max(at(after));
             }
         }
+        Self { slope, rise, least, most, largest, across, over_soc }
     }
 
     /// How far a mean of values at one SOC is above the value at the mean, in an image; least and largest slope.
@@ -212,7 +200,6 @@ impl Bends {
 }
 
 /// Errors of a step in each cell `(cell,)`.
-#[derive(Debug, Default)]
 pub(super) struct Errors {
     /// Of strings that are off, or that start and cover the inverter loss from the battery.
     pub(super) off: Vec<f64>,
@@ -245,7 +232,7 @@ impl Kind<'_> {
         moves: &Moves,
         bends: &Bends,
         images: &Images,
-        step: &StepPrices,
+        step: &StepPrices<'_>,
         cell: usize,
     ) -> f64 {
         let (i, j) = (cell / (self.n_temperatures() - 1), cell % (self.n_temperatures() - 1));
@@ -262,11 +249,10 @@ impl Kind<'_> {
         &self,
         (moves, images): (&Moves, &Images),
         bends: &Bends,
-        step: &StepPrices,
-        (k, cap_w): (usize, f64),
-        out: &mut [f64],
-    ) {
-        out.fill(f64::NEG_INFINITY);
+        step: &StepPrices<'_>,
+        k: usize,
+    ) -> Vec<f64> {
+        let mut out = vec![f64::NEG_INFINITY; self.n_cells()];
         let n_columns = self.n_temperatures() - 1;
         let from = k * self.n_cells();
         for i in 0..self.soc.len - 1 {
@@ -274,12 +260,12 @@ impl Kind<'_> {
             for j in 0..n_columns {
                 let cell = i * n_columns + j;
                 let shape = &moves.shapes[from + cell];
-                if shape.min_request_w > cap_w {
+                if shape.min_request_w > step.cap_w {
                     continue;
                 }
                 let image = &images.boxes[from + cell];
                 let (bend, (least, most)) = bends.around(self, middle, image);
-                let of_cost = step.heat * shape.heat_below_w
+                let of_cost = step.costs.battery * shape.heat_below_w
                     + step.steepest[j] * shape.internal_w
                     + larger(0.0, larger(step.bend[j].1 * shape.convex_w, -step.bend[j].0 * shape.concave_w))
                     + step.uneven[j] * shape.max_power_w
@@ -290,6 +276,7 @@ impl Kind<'_> {
                 out[cell] = step.dt_h * of_cost + step.rise * of_value + bend;
             }
         }
+        out
     }
 
     /// Largest error of the cells around a node.

@@ -146,18 +146,15 @@ impl<'a> Kind<'a> {
     /// Solves backwards at prices `(T,)` [cost/Wh]; `each` sees the values of each step.
     fn backwards(&self, price: &[f64], mut each: impl FnMut(usize, &Values)) -> Values {
         let problem = self.problem;
-        let (n_temperatures, n_cells) = (self.n_temperatures(), self.n_cells());
+        let n_temperatures = self.n_temperatures();
         let end = |x: usize| {
             let soc = self.soc.at((x / n_temperatures) as f64);
             problem.end_cost(self.member, StringState { soc, temperature_c: 25.0 })
         };
         let plain: Vec<f64> = (0..self.n_nodes()).map(end).collect();
-        let n_modes = if problem.prices.start > 0.0 { 2 } else { 1 };
-        let mut next = Values { modes: vec![plain.clone(); n_modes], plain };
+        let mut next = Values { modes: [plain.clone(), plain.clone()], plain };
         each(problem.n_steps(), &next);
         let mut images: [Option<Images>; 2] = [None, None];
-        let mut bends: Vec<_> = next.modes.iter().map(|_| Bends::new(self)).collect();
-        let mut errors = Errors::default();
         for t in (0..problem.n_steps()).rev() {
             let interval = &problem.intervals[t];
             let which = which(interval.direction);
@@ -167,37 +164,29 @@ impl<'a> Kind<'a> {
                 images[which] = Some(self.images(interval, self.moves[which].as_ref()));
             }
             let Some(images) = &images[which] else { unreachable!() };
-            bends.iter_mut().zip(&next.modes).for_each(|(bends, values)| bends.of(self, values));
+            let [of_off, of_running] = [0, 1].map(|mode| Bends::new(self, &next.modes[mode]));
             let step = StepPrices::new(self, t, price[t], moves);
-            let (of_off, of_running) = (&bends[0], &bends[n_modes - 1]);
-            errors.off = self.idle_errors(of_off, images, |_| 0.0);
-            errors.drawing.clear();
+            let mut errors =
+                Errors { off: self.idle_errors(&of_off, images, |_| 0.0), drawing: vec![], boxes: vec![] };
             if let Some(moves) = moves.filter(|m| m.direction == Direction::Charge) {
                 let gain = |bends: &Bends, cell| self.drawn(moves, bends, images, &step, cell);
-                errors.off.iter_mut().enumerate().for_each(|(cell, e)| *e += gain(of_off, cell).max(0.0));
-                if n_modes == 2 {
-                    errors.drawing = self.idle_errors(of_running, images, |cell| gain(of_running, cell));
-                }
+                errors.off.iter_mut().enumerate().for_each(|(cell, e)| *e += gain(&of_off, cell).max(0.0));
+                errors.drawing = self.idle_errors(&of_running, images, |cell| gain(&of_running, cell));
             }
             if let Some(moves) = moves {
-                errors.boxes.resize_with(moves.n_boxes_within(cap_w), || vec![0.0; n_cells]);
-                let boxes = std::mem::take(&mut errors.boxes).into_iter().enumerate().collect();
-                errors.boxes = cores::map(boxes, |(k, mut errors)| {
-                    self.box_errors((moves, images), of_running, &step, (k, cap_w), &mut errors);
-                    errors
-                });
+                let boxes = (0..moves.n_boxes_within(cap_w)).collect();
+                errors.boxes = cores::map(boxes, |k| self.box_errors((moves, images), &of_running, &step, k));
             }
             let row = |i| self.row(i, &next, (moves, images), &step, &errors);
-            let mut now = Values { modes: vec![vec![]; n_modes], plain: vec![] };
+            let mut now = Values { modes: [vec![], vec![]], plain: vec![] };
             for (rows, plain) in cores::map((0..self.soc.len).collect(), row) {
                 now.modes.iter_mut().zip(rows).for_each(|(now, row)| now.extend(row));
                 now.plain.extend(plain);
             }
             let most = MAX_BEND * self.mean_bend(&now.plain);
             now.modes.iter_mut().for_each(|values| self.smooth(values, &now.plain, most));
-            if let [off, running] = &mut now.modes[..] {
-                limit(off, running, problem.prices.start);
-            }
+            let [off, running] = &mut now.modes;
+            limit(off, running, problem.prices.start);
             next = now;
             each(t, &next);
         }
@@ -210,10 +199,11 @@ impl<'a> Kind<'a> {
         i: usize,
         next: &Values,
         (moves, images): (Option<&Moves>, &Images),
-        step: &StepPrices,
+        step: &StepPrices<'_>,
         errors: &Errors,
     ) -> ([Vec<f64>; 2], Vec<f64>) {
         let n_temperatures = self.n_temperatures();
+        let (dt_h, wear) = (self.problem.dt_h(), self.problem.prices.wear[self.member]);
         let idle = |next: &[f64], error: &dyn Fn(usize) -> f64| -> Vec<f64> {
             let row = &next[i * n_temperatures..(i + 1) * n_temperatures];
             let at = |j: usize| {
@@ -240,7 +230,7 @@ impl<'a> Kind<'a> {
             above.iter_mut().enumerate().for_each(|(j, error)| *error = largest(j));
             let to = to * n_temperatures..(to + 1) * n_temperatures;
             let (next_row, plain_row) = (&next.of(true)[to.clone()], &next.plain[to]);
-            let wear = step.dt_h * step.wear * moves.current_a * k as f64;
+            let wear = dt_h * wear * moves.current_a * k as f64;
             for j in 0..n_temperatures {
                 let error = larger(below[j], above[j]);
                 if error == f64::NEG_INFINITY {
@@ -292,15 +282,15 @@ impl<'a> Kind<'a> {
 /// Values at the nodes `(n_soc, n_temperature)`.
 #[derive(Debug, Clone)]
 struct Values {
-    /// Of a string that is off, and of one that runs; one of both where starts are free.
-    modes: Vec<Vec<f64>>,
+    /// Of a string that is off, and of one that runs.
+    modes: [Vec<f64>; 2],
     /// Without errors and starts.
     plain: Vec<f64>,
 }
 
 impl Values {
     fn of(&self, running: bool) -> &[f64] {
-        &self.modes[usize::from(running).min(self.modes.len() - 1)]
+        &self.modes[usize::from(running)]
     }
 }
 
@@ -351,7 +341,7 @@ fn proven(
     let solvers = kinds.iter().map(new).collect::<Option<Vec<_>>>()?;
     let losses = problem.prices.losses.iter();
     let price: Vec<f64> = price.iter().zip(losses).map(|(l, c)| l.min(c.availability)).collect();
-    let demand = |t: usize| price[t] * problem.demand_w[t] * problem.intervals[t].dt_h;
+    let demand = |t: usize| price[t] * problem.demand_w[t] * problem.dt_h();
     let idle = (0..problem.n_strings()).filter(|&m| !problem.is_in_service(m));
     let mut terms: Vec<f64> = (0..problem.n_steps()).map(demand).collect();
     terms.extend(idle.map(|m| problem.end_cost(m, problem.start[m])));

@@ -33,13 +33,6 @@ pub(super) struct Shape {
     pub(super) max_power_w: f64,
 }
 
-/// An inverter that runs below its own no-load loss: it charges nothing and discharges the battery.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Drawing {
-    pub(super) max_power_w: f64,
-    pub(super) min_loss_w: f64,
-}
-
 /// Everything about one direction that does not depend on prices. Corners are `(step of SOC, node)`, boxes
 /// `(step of SOC, cell)`.
 pub(super) struct Moves {
@@ -52,7 +45,9 @@ pub(super) struct Moves {
     pub(super) shapes: Vec<Shape>,
     /// Smallest and largest slope of delivered over internal power.
     pub(super) slopes: Range,
-    pub(super) drawing: Drawing,
+    /// Of an inverter that runs below its own no-load loss, and so charges nothing and discharges the battery [W].
+    pub(super) max_drawing_w: f64,
+    pub(super) min_drawing_loss_w: f64,
     /// Largest SOC and heat that are drawn, for each cell.
     pub(super) drawn: Vec<(f64, f64)>,
 }
@@ -99,7 +94,7 @@ impl Kind<'_> {
     pub(super) fn moves(&self, direction: Direction, max_w: f64) -> Option<Moves> {
         let string = self.string();
         let p = &string.parameters;
-        let dt_h = self.problem.intervals[0].dt_h;
+        let dt_h = self.problem.dt_h();
         let current_a = self.soc.step * p.capacity_ah / dt_h;
         let curve = string.loss(direction);
         let delivered = Delivered::new(curve)?;
@@ -118,10 +113,6 @@ impl Kind<'_> {
         let cells: Vec<(usize, usize)> =
             (0..self.soc.len - 1).flat_map(|i| (0..n_temperatures - 1).map(move |j| (i, j))).collect();
         let off: Vec<Off> = cells.iter().map(|&(i, j)| self.off(direction, i, j, &at)).collect();
-        let drawing = Drawing {
-            max_power_w: curve.max_drawing_w(),
-            min_loss_w: curve.loss().iter().copied().fold(f64::INFINITY, f64::min).max(0.0),
-        };
         let max_drawn_w = (-delivered.internal_w[0]).max(0.0);
         let drawn = off.iter().map(|off| {
             let (v, r) = (off.voltage_v.low, off.resistance_ohm.high);
@@ -137,7 +128,8 @@ impl Kind<'_> {
             corners: vec![],
             shapes: vec![],
             slopes: delivered.slopes(),
-            drawing,
+            max_drawing_w: curve.max_drawing_w(),
+            min_drawing_loss_w: curve.loss().iter().copied().fold(f64::INFINITY, f64::min).max(0.0),
             drawn: drawn.collect(),
         };
         let internal_w = |(v, r): (f64, f64), current_a: f64| current_a * (v + sign * r * current_a);

@@ -279,16 +279,14 @@ fn excess(problem: &mut PlanProblem<'_>, random: &mut fastrand::Rng) -> Option<f
     let images = kind.images(interval, Some(moves));
     let step = StepPrices::new(&kind, 0, price, Some(moves));
     let values = some_values(&kind, random);
-    let mut bends = Bends::new(&kind);
-    bends.of(&kind, &values);
+    let bends = Bends::new(&kind, &values);
     let cap_w = kind.cap_w(0);
     let string = kind.string();
     let delivered = delivered::Delivered::new(string.loss(interval.direction))?;
     let n = kind.n_temperatures();
     let mut most = None;
-    let mut errors = vec![0.0; kind.n_cells()];
     for k in 0..moves.n_boxes_within(cap_w) {
-        kind.box_errors((moves, &images), &bends, &step, (k, cap_w), &mut errors);
+        let errors = kind.box_errors((moves, &images), &bends, &step, k);
         for _ in 0..400 {
             let (i, j) = (random.usize(0..kind.soc.len - 1), random.usize(0..n - 1));
             let error = errors[i * (n - 1) + j];
@@ -323,7 +321,8 @@ fn excess(problem: &mut PlanProblem<'_>, random: &mut fastrand::Rng) -> Option<f
                 inverter: delivered.loss_w(internal_w, power_w),
                 battery: heat_w,
             };
-            let rate = losses.cost(&problem.prices.losses[0]) - price * request_w + step.wear * current_a;
+            let rate = losses.cost(&problem.prices.losses[0]) - price * request_w
+                + problem.prices.wear[0] * current_a;
             let soc = state.soc
                 - interval.direction.sign() * current_a * interval.dt_h / string.parameters.capacity_ah;
             let end =
@@ -331,7 +330,7 @@ fn excess(problem: &mut PlanProblem<'_>, random: &mut fastrand::Rng) -> Option<f
             let paid = rate * interval.dt_h + kind.at(&values, end);
             let corner = |&(di, dk, weight): &(usize, usize, f64)| {
                 let to = kind.soc.after(interval.direction, i + di, k + dk).expect("leads to a node");
-                let wear = step.dt_h * step.wear * moves.current_a * (k + dk) as f64;
+                let wear = interval.dt_h * problem.prices.wear[0] * moves.current_a * (k + dk) as f64;
                 let at = |j: usize| {
                     let x = (k + dk) * kind.n_nodes() + (i + di) * n + j;
                     let (cell, share) = images.corners[x];
