@@ -96,7 +96,7 @@ impl Sweep<'_, '_, '_> {
         fork
     }
 
-    /// Expected cost of a choice at a step, with the value of the charge.
+    /// Expected cost of a choice, with the value of its charge after step `t`: until then an exchange holds it.
     #[inline]
     fn promise(&self, t: usize, choice: &Choice) -> f64 {
         let (by_first, by_second) = (self.pair.first.by_soc[t + 1], self.pair.second.by_soc[t + 1]);
@@ -172,7 +172,7 @@ impl Sweep<'_, '_, '_> {
                 }
                 let Some(back) = self.forks[later].where_soc_changes_by(-choice.soc.0) else { continue };
                 let to_come = self.promise(later, &back);
-                let promise = self.promise(t, choice) + to_come;
+                let promise = self.promise(later, choice) + to_come;
                 if promise < -least {
                     let (first_w, later_first_w) = (choice.first_w, back.first_w);
                     keep(&mut found, Exchange { promise, to_come, first_w, later, later_first_w });
