@@ -11,6 +11,22 @@ thread_local! {
     static AT_WORK: Cell<bool> = const { Cell::new(false) };
 }
 
+/// Marks its thread as at work as long as it lives, a panic included.
+struct AtWork;
+
+impl AtWork {
+    fn begin() -> Self {
+        AT_WORK.set(true);
+        Self
+    }
+}
+
+impl Drop for AtWork {
+    fn drop(&mut self) {
+        AT_WORK.set(false);
+    }
+}
+
 /// Maximum number of threads: `OMP_NUM_THREADS` if set, or the cores that the process may use.
 fn max_threads() -> usize {
     static CORES: OnceLock<usize> = OnceLock::new();
@@ -41,10 +57,8 @@ pub(crate) fn map<I: Send, T: Send>(items: Vec<I>, of: impl Fn(I) -> T + Sync) -
     let queue = Mutex::new(items.into_iter().enumerate());
     let take = || queue.lock().ok()?.next();
     let work = || {
-        AT_WORK.set(true);
-        let done: Vec<(usize, T)> = std::iter::from_fn(take).map(|(index, item)| (index, of(item))).collect();
-        AT_WORK.set(false);
-        done
+        let _at_work = AtWork::begin();
+        std::iter::from_fn(take).map(|(index, item)| (index, of(item))).collect::<Vec<(usize, T)>>()
     };
     std::thread::scope(|scope| {
         let others: Vec<_> = (1..n_threads).map(|_| scope.spawn(work)).collect();
@@ -76,5 +90,12 @@ mod tests {
                 .count(),
             0
         );
+    }
+
+    #[test]
+    fn a_thread_is_free_again_after_a_panic() {
+        let panics = || map(vec![(); 4], |()| panic!("of an item"));
+        assert!(std::panic::catch_unwind(panics).is_err());
+        assert!(!AT_WORK.get());
     }
 }
