@@ -3,7 +3,7 @@
 use bess_control::{ControlHorizon, Effort, Losses, StateBox};
 use criterion::{criterion_group, criterion_main, BenchmarkId, Criterion, Throughput};
 
-#[path = "../src/tests/common.rs"]
+#[path = "../rust/bess-control/src/tests/common.rs"]
 mod common;
 
 const SIZES: [(usize, usize); 3] = [(2, 8), (8, 8), (2, 32)];

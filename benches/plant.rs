@@ -4,7 +4,7 @@
 use bess_plant::{DeratingLaw, Plant};
 use criterion::{criterion_group, criterion_main, BenchmarkId, Criterion, Throughput};
 
-#[path = "../src/tests/common.rs"]
+#[path = "../rust/bess-plant/src/tests/common.rs"]
 mod common;
 
 const STEPS: usize = 96;
