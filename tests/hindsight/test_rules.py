@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 import bess
+from bess.control.policies.adapters import FunctionPolicy
 from bess.control.policies.rule import RulePolicy
 from bess.simulation.hindsight.replay import Replay, gain_over_rules
 
@@ -40,7 +41,7 @@ def test_the_gain_is_what_runs_under_each_rule_give(policy: str, by_rule: dict[s
 
 def replayed(record: xr.Dataset, rule: str) -> dict[str, float]:
     replay = Replay.of(record)
-    return bess.kpis(replay.under(RulePolicy(replay.system, replay.inputs.grid.dt_h, rule)))
+    return bess.kpis(replay.under(RulePolicy(replay.system, replay.inputs.grid.dt_h, rule), rule))
 
 
 @pytest.mark.parametrize("study", ["case1", "self-consumption", "fcr"])
@@ -89,3 +90,13 @@ def test_a_report_with_hindsight_simulates_the_rules_once(
     )
     write_report(tmp_path / "run", hindsight=True)
     assert len(simulated) == len(RULES) + 1, "every rule, and one plan"
+
+
+def test_an_error_in_a_replay_names_the_policy_that_is_replayed() -> None:
+    replay = Replay.of(made("case1", policy__name="equal", run__days=0.25).dataset)
+
+    def fails(inputs: object) -> None:
+        raise ValueError("no plan")
+
+    with pytest.raises(bess.BessError, match="policy 'a plan of 12 h', step 0: ValueError: no plan"):
+        replay.under(FunctionPolicy(fails), "a plan of 12 h")  # type: ignore[arg-type]

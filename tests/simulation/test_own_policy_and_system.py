@@ -1,7 +1,7 @@
 """Claims about bess.run with a policy or a system of one's own, and about policies of other packages."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -88,6 +88,57 @@ def test_a_policy_cannot_change_what_the_plant_and_the_record_get() -> None:
 
     with pytest.raises(bess.BessError, match=r"'in_fahrenheit', step 0: ValueError: .*read-only"):
         bess.run(bess.load_study("case1", SHORT), policy=in_fahrenheit, progress=False)
+
+
+class Skipping(Counted):
+    """A policy that skips steps with the answers of a function."""
+
+    def __init__(self, skip: Callable[[np.ndarray, np.ndarray], object]) -> None:
+        super().__init__()
+        self.skip = skip
+
+
+def overwrite(array: np.ndarray) -> np.ndarray:
+    array[:] = 0.0
+    return np.zeros((0, 2))
+
+
+@pytest.mark.parametrize(
+    ("skip", "message"),
+    [
+        (lambda kw, limit_kw: overwrite(kw), "step 0: ValueError: .*read-only"),
+        (lambda kw, limit_kw: overwrite(limit_kw), "step 0: ValueError: .*read-only"),
+        (lambda *_: 1 / 0, "step 0: ZeroDivisionError"),
+        (lambda *_: None, "step 0: ValueError: NoneType is not a number"),
+        (
+            lambda demand_kw, limit_kw: [[np.nan, 0.0]],
+            r"step 0: the policy requested \[nan, 0\] kW for -78 kW",
+        ),
+        (
+            lambda demand_kw, limit_kw: [[-78.0, 0.0], [-500.0, 422.0]],
+            r"step 1: the policy requested \[-500,",
+        ),
+        (lambda *_: [[-78.0]], r"step 0: .* needs \(n, 2\) for the first n of 12 steps"),
+        (lambda *_: [[-39.0, -39.0]] * 13, r"step 0: .* of shape \(13, 2\)"),
+    ],
+)
+def test_a_skip_can_neither_change_its_inputs_nor_answer_with_what_is_no_power_split(
+    skip: Callable[[np.ndarray, np.ndarray], object], message: str
+) -> None:
+    with pytest.raises(bess.BessError, match=rf"policy 'Skipping', {message}"):
+        bess.run(bess.load_study("case1", SHORT), policy=Skipping(skip), progress=False)
+
+
+def test_skipped_steps_may_be_lists_and_none_asks_an_inverter_for_less_than_its_least_power() -> None:
+    def nearly_all_on_one(demand_kw: np.ndarray, limit_kw: np.ndarray) -> list[list[float]]:
+        return [[kw - np.copysign(min(4e-4, abs(kw)), kw), np.copysign(min(4e-4, abs(kw)), kw)]
+                for kw in demand_kw[:, 0]]  # fmt: skip
+
+    data = bess.run(
+        bess.load_study("case1", SHORT), policy=Skipping(nearly_all_on_one), progress=False
+    ).dataset
+    np.testing.assert_allclose(data["request_kw"].values[:, 0], data["demand_kw"], rtol=1e-15)
+    assert not data["inverter_loss_kw"].values[:, 1].any()
 
 
 def test_a_system_takes_the_place_of_that_of_the_study_and_its_initial_values_stay() -> None:

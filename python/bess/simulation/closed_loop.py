@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, cast
 
 import numpy as np
 
-from bess.arrays import Array, Flags, real_numbers
+from bess.arrays import Array, Flags, read_only, real_numbers
 from bess.control.policies import NO_OPTIMISATION, Decision, Policy, PolicyInput, SolverReport
 from bess.control.policies.reactive import share_equally
 from bess.control.wear import WearPrices
@@ -18,6 +19,7 @@ from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import FLOWS, OPTIONAL_FLOWS
 from bess.simulation.record.store import Record, joined
 from bess.study.demands.source import StepInputs
+from bess.system import State
 
 SKIPPED_STEPS = 12
 """Steps that a policy is first asked to skip; results do not depend on it."""
@@ -45,7 +47,7 @@ class ClosedLoop:
     """
 
     def __init__(
-        self, inputs: Inputs, policy: Policy, plant: Plant, *, node_temperatures: bool, policy_name: str = ""
+        self, inputs: Inputs, policy: Policy, plant: Plant, *, node_temperatures: bool, policy_name: str
     ) -> None:
         self.inputs = inputs
         self.policy = policy
@@ -155,8 +157,7 @@ class ClosedLoop:
         A policy without controller decides step by step; steps that it skips run together.
         """
         inputs, first = self.inputs, self.step
-        policy = cast(Any, self.policy)
-        controller = getattr(policy, "controller", None)
+        controller = getattr(self.policy, "controller", None)
         if not len(self._ahead_kw):
             state, limits_kw = self._plant.state, inputs.limit_kw[first : first + most]
             changes = np.append((limits_kw != limits_kw[0]).any(axis=1), True)
@@ -167,7 +168,9 @@ class ClosedLoop:
         n_steps = min(len(self._ahead_kw), most if controller is not None else self._skipped_steps)
         limit_kw, served_kw = inputs.limit_kw[first : first + n_steps], self._served_kw[:n_steps]
         if controller is None:
-            request_kw = policy.skip(served_kw, limit_kw)
+            began = time.perf_counter()
+            request_kw = self._skip(served_kw, limit_kw)
+            self.policy_s += time.perf_counter() - began
             # After each skipped block a longer one is likely: fewer calls, and few rows that are not used.
             self._skipped_steps = 2 * n_steps if len(request_kw) == n_steps else SKIPPED_STEPS
             n_steps = len(request_kw)
@@ -186,10 +189,10 @@ class ClosedLoop:
                 )
             except InputError as error:
                 raise InputError(f"{self._place}: {error}") from error
+            missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
+            if (missed_kw > self._slack_kw(limit_kw)).any():
+                raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
         self.plant_s += time.perf_counter() - began
-        missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
-        if (missed_kw > self._slack_kw(limit_kw)).any():
-            raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
         return self._passed(
             flows,
             demand_kw=self._ahead_kw[:n_steps, 0],
@@ -300,35 +303,71 @@ class ClosedLoop:
 
     def _decide(self, policy_input: PolicyInput) -> tuple[Decision, Array]:
         """Return a checked decision and its set-points, set to 0 below the minimum inverter power."""
-        limit_kw, system = policy_input.limit_kw, self.inputs.system
-        try:
+        limit_kw = policy_input.limit_kw
+        with self._named_errors():
             decision = self.policy(policy_input)
             # A copy for the record: a policy may write every answer into the same array.
             request_kw = real_numbers(decision.request_kw).copy()
-        except Exception as error:
-            kind = "" if isinstance(error, BessError) else f"{type(error).__name__}: "
-            raised = InputError if isinstance(error, InputError) else BessError
-            raise raised(f"{self._place}: {kind}{error}") from error
         if request_kw.shape != limit_kw.shape:
             raise BessError(
                 f"{self._place}: returned set-points of shape {request_kw.shape}, needs "
                 f"{limit_kw.shape}, one for each string"
             )
-        demand_kw = policy_input.demand_kw[0]
-        # Written so that NaN fails as well.
-        held = np.abs(request_kw) <= limit_kw + _rounding_kw(limit_kw)
-        if not (held.all() and abs(request_kw.sum() - demand_kw) <= self._slack_kw(limit_kw)):
+        self._check_requests(request_kw[None], policy_input.demand_kw[:1], limit_kw[None])
+        return decision, self._without_small(request_kw[None], limit_kw[None], policy_input.state)[0]
+
+    def _skip(self, served_kw: Array, limit_kw: Array) -> Array:
+        """Return the checked set-points of the steps that the policy skips."""
+        with self._named_errors():
+            skipped = cast(Any, self.policy).skip(read_only(served_kw), read_only(limit_kw))
+            request_kw = real_numbers(skipped).copy()
+        n_steps, n_strings = limit_kw.shape
+        if request_kw.size == 0:
+            return np.zeros((0, n_strings))
+        if request_kw.ndim != 2 or request_kw.shape[1] != n_strings or len(request_kw) > n_steps:
             raise BessError(
-                f"{self._place}: the policy requested {_listed(request_kw)} kW for {demand_kw:g} kW "
-                f"within {_listed(limit_kw)} kW; this is an error of the policy"
+                f"{self._place}: skip returned set-points of shape {request_kw.shape}, needs "
+                f"(n, {n_strings}) for the first n of {n_steps} steps"
             )
-        if not ((request_kw != 0.0) & (np.abs(request_kw) < system.min_power_kw)).any():
-            return decision, request_kw
-        model = system.control_at(policy_input.state)
-        charged_kw, discharged_kw = (
-            model.set_points(np.maximum(sign * request_kw, 0.0), limit_kw) for sign in (-1.0, 1.0)
-        )
-        return decision, discharged_kw - charged_kw
+        limit_kw = limit_kw[: len(request_kw)]
+        self._check_requests(request_kw, served_kw[: len(request_kw), 0], limit_kw)
+        return self._without_small(request_kw, limit_kw, self._plant.state)
+
+    def _check_requests(self, request_kw: Array, demand_kw: Array, limit_kw: Array) -> None:
+        """Raise BessError unless set-points of the next steps, a row each, are within limits and sum up."""
+        # Written so that NaN fails as well.
+        held = (np.abs(request_kw) <= limit_kw + _rounding_kw(limit_kw)[:, None]).all(axis=1)
+        held &= np.abs(request_kw.sum(axis=1) - demand_kw) <= self._slack_kw(limit_kw)
+        if not held.all():
+            k = int(np.argmin(held))
+            raise BessError(
+                f"{self._place_of(self.step + k)}: the policy requested {_listed(request_kw[k])} kW for "
+                f"{demand_kw[k]:g} kW within {_listed(limit_kw[k])} kW; this is an error of the policy"
+            )
+
+    def _without_small(self, request_kw: Array, limit_kw: Array, state: State) -> Array:
+        """Set-points, a row for each step, none of them between 0 and the minimum inverter power."""
+        system = self.inputs.system
+        small = ((request_kw != 0.0) & (np.abs(request_kw) < system.min_power_kw)).any(axis=1)
+        if not small.any():
+            return request_kw
+        model, changed_kw = system.control_at(state), request_kw.copy()
+        for k in np.flatnonzero(small):
+            charged_kw, discharged_kw = (
+                model.set_points(np.maximum(sign * request_kw[k], 0.0), limit_kw[k]) for sign in (-1.0, 1.0)
+            )
+            changed_kw[k] = discharged_kw - charged_kw
+        return changed_kw
+
+    @contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        """Name policy and step in every error of a call of the policy."""
+        try:
+            yield
+        except Exception as error:
+            kind = "" if isinstance(error, BessError) else f"{type(error).__name__}: "
+            raised = InputError if isinstance(error, InputError) else BessError
+            raise raised(f"{self._place}: {kind}{error}") from error
 
     def _served(self, demand_kw: Array, limit_kw: Array) -> Array:
         """Demand and forecasts ``(..., n_steps)``, limited to the power of the plant; 0 below its minimum.
@@ -372,7 +411,10 @@ class ClosedLoop:
 
     @property
     def _place(self) -> str:
-        return f"policy {self._policy_name!r}, step {self.step}"
+        return self._place_of(self.step)
+
+    def _place_of(self, step: int) -> str:
+        return f"policy {self._policy_name!r}, step {step}"
 
 
 def _rounding_kw(limit_kw: Array) -> Array:

@@ -9,6 +9,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.arrays import read_only
 from bess.system import State
 
 NO_OPTIMISATION: Final = 0
@@ -55,9 +56,7 @@ class PolicyInput:
         # Views: the arrays are those of the closed loop, whose record and plant use them after the policy.
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
-                view = value.view()
-                view.flags.writeable = False
-                object.__setattr__(self, name, view)
+                object.__setattr__(self, name, read_only(value))
 
     @property
     def expected_limit_kw(self) -> NDArray[np.float64]:
@@ -99,8 +98,9 @@ class Policy(Protocol):
     checkpoint gives the same results.
 
     A policy may have a method ``skip(demand_kw, limit_kw)``, with demand and forecast ``(n_steps,
-    horizon_steps)`` and limits ``(n_steps, n_strings)`` of the next steps. It returns the set-points ``(n,
-    n_strings)`` of the first ``n`` of them, which need no optimisation, and takes these steps as passed.
+    horizon_steps)`` and limits ``(n_steps, n_strings)`` of the next steps, both read-only. It returns the
+    set-points ``(n, n_strings)`` of the first ``n`` of them, which need no optimisation, and takes these
+    steps as passed.
     """
 
     @property

@@ -133,7 +133,8 @@ def benchmark(replay: Replay, effort: Effort = "quick") -> Hindsight:
     steps = max(1, min(round(hours / dt_h), inputs.grid.n_steps, MAX_STEPS))
     plans = FunctionPolicy(_plans(replay.system, steps, dt_h, passes))
     figures = {"this run": kpis(record), **replay.rules}
-    figures[f"a plan of {steps * dt_h:g} h"] = kpis(replay.under(plans, steps))
+    name = f"a plan of {steps * dt_h:g} h"
+    figures[name] = kpis(replay.under(plans, name, steps))
     found_by = min(figures, key=lambda name: figures[name]["lost_kwh"])
     money = {}
     price = inputs.price_eur_mwh

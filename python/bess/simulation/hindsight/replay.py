@@ -123,18 +123,21 @@ class Replay:
         """KPIs of every rule on this demand, by its name, and the power drawn from the cells."""
         figures = {}
         for name in RULES:
-            record = self.under(RulePolicy(self.system, self.inputs.grid.dt_h, name))
+            record = self.under(RulePolicy(self.system, self.inputs.grid.dt_h, name), name)
             figures[name] = kpis(record) | {_DRAWN_KW: _drawn_kw(record)}
         return figures
 
-    def under(self, policy: Policy, horizon_steps: int = 1) -> xr.Dataset:
-        """Simulate ``policy`` with this forecast length [steps]; return a record for KPIs and ledger."""
+    def under(self, policy: Policy, name: str, horizon_steps: int = 1) -> xr.Dataset:
+        """Simulate ``policy`` with this forecast length [steps]; return a record for KPIs and ledger.
+
+        ``name`` is that of the policy in errors.
+        """
         import xarray as xr
 
         installations = Installations(self.system, self.study, self.inputs.grid)
         inputs = replace(self.inputs, horizon_steps=horizon_steps, installations=installations)
         plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=self.study.run.derating_law)
-        loop = ClosedLoop(inputs, policy, plant, node_temperatures=False)
+        loop = ClosedLoop(inputs, policy, plant, node_temperatures=False, policy_name=name)
         run, _ = loop.advance_part(inputs.grid.n_steps)
         variables = {name: (VARIABLES[name].dims, values) for name, values in run.items()}
         return xr.Dataset(variables, {"time": self.record["time"]}, self.record.attrs)
