@@ -53,6 +53,15 @@ def test_finer_values_are_averaged_and_coarser_ones_held(table):
     assert fine.index[4] == TIMES[1] + pd.Timedelta(minutes=5)
 
 
+@pytest.mark.parametrize(("file_min", "control_min"), [(10, 15), (15, 10)])
+def test_steps_that_do_not_fit_are_named_in_minutes(file_min, control_min, tmp_path):
+    times = pd.date_range("2024-01-01", periods=16, freq=f"{file_min}min", tz="UTC")
+    pd.DataFrame({"power": 1.0}, times).to_csv(tmp_path / "demand.csv", index_label="time")
+    words = rf"its step of {file_min} min is neither a fraction nor a multiple of .* of {control_min} min"
+    with pytest.raises(InputError, match=words):
+        read_profile(tmp_path / "demand.csv", dt_h=control_min / 60)
+
+
 def test_energy_is_kept_by_resampling(table):
     for dt_h in (1 / 12, 0.25, 0.5, 1.0, 2.0):
         assert read_profile(table, column="power", dt_h=dt_h).sum() * dt_h == pytest.approx(
@@ -75,7 +84,7 @@ def test_parquet_with_a_clock_is_read(tmp_path):
         ({"column": "power", "unit": "GW"}, "unit 'GW' is unknown; allowed are W, kW, MW"),
         ({"column": "power", "positive": "up"}, "positive 'up' is unknown; allowed are discharge, charge"),
         ({"column": "power", "scale": 0.0}, "scale 0.0 must be finite and above 0"),
-        ({"column": "power", "dt_h": 0.4}, "whole number of steps of"),
+        ({"column": "power", "dt_h": 0.4}, "neither a fraction nor a multiple of"),
         ({"column": "power", "dt_h": 8.0}, "4 h is less than one step of 8 h"),
     ],
 )

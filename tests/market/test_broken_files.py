@@ -95,6 +95,22 @@ def test_swapped_columns_are_refused(form, tmp_path):
     refused(tmp_path, "\n".join([head, *price_first]) + "\n", r"line 2: .*swapped")
 
 
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (["5"], "line 2: is the only row; a series needs two values: give a longer file"),
+        ([""], "line 2: is the only row, and its value is missing; a series needs two values"),
+        (["", ""], "line 2: of 2 rows from here to line 3, none has a value; a series needs two values"),
+        (["", "5"], "line 2: of 2 rows from here to line 3, 1 has a value; .* choose another column"),
+    ],
+)
+def test_too_few_values_are_counted(values, words, tmp_path):
+    rows = [f"2024-01-01T0{hour}:00Z,{value}" for hour, value in enumerate(values)]
+    (tmp_path / "prices.csv").write_text("\n".join(["time,price_eur_mwh", *rows]) + "\n")
+    with pytest.raises(bess.InputError, match=words):
+        bess.read_prices(tmp_path / "prices.csv")
+
+
 def test_swapped_columns_of_a_plain_table_are_refused(tmp_path):
     rows = [f"{v},{t.isoformat()}" for t, v in SERIES.items()]
     refused(tmp_path, "\n".join(["price,time", *rows]), r"line 2: columns 'price' and 'time' are swapped")
@@ -106,7 +122,11 @@ def test_swapped_columns_of_a_plain_table_are_refused(tmp_path):
 def test_a_year_without_values_is_refused(writer, tmp_path):
     year = truth("2024-01-01", "2024-12-31", 60) * np.nan
     text = writer(year).replace('"nan"', '""')
-    refused(tmp_path, text, r"line [23]: from here to line \d+ .*(no value|0 of 87\d\d values).*choose")
+    refused(
+        tmp_path,
+        text,
+        r"line [23]: (of 87\d\d rows )?from here to line \d+.*(no value|none has a value).*choose",
+    )
 
 
 @pytest.mark.parametrize("form", TEXTS)

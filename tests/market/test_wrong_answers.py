@@ -185,6 +185,12 @@ def test_a_profile_in_another_unit_than_said_is_refused(column, said, tmp_path):
         assert len(read_profile(path, unit=said)) == 288
 
 
+@pytest.mark.parametrize("column", ["price_eur_mwh", "Preis [EUR/MWh]", "SpotPriceDKK", "price_eur"])
+def test_a_column_of_prices_is_no_profile(column, tmp_path):
+    with pytest.raises(bess.InputError, match=r"line 1: column .* holds prices, not power in kW; give a"):
+        read_profile(write(tmp_path, table(DEGREES, column)))
+
+
 @pytest.mark.parametrize("column", ["temperature_f", "Temp (°F)", "Dry Bulb Temperature {F}"])
 def test_weather_in_fahrenheit_is_refused(column, tmp_path):
     with pytest.raises(bess.InputError, match="is in degrees Fahrenheit"):

@@ -129,13 +129,21 @@ class PersistenceForecast:
 
 def steps_in(duration_h: float, dt_h: float, what: str) -> int:
     """Return the number of steps of `dt_h` in `duration_h`, a whole number >= 1."""
+    steps = whole_steps(duration_h, dt_h)
+    if steps is None:
+        raise InputError(
+            f"{what} ({duration_h:g} h) must be a whole number of steps of {dt_h:g} h, at least one"
+        )
+    return steps
+
+
+def whole_steps(duration_h: float, dt_h: float) -> int | None:
+    """Return the number of steps of `dt_h` in `duration_h`; None if it is not a whole number >= 1."""
     if not (np.isfinite(dt_h) and dt_h > 0.0):
         raise InputError(f"control step {dt_h} h must be above 0 h")
     steps = duration_h / dt_h if np.isfinite(duration_h) else 0.0
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
-        raise InputError(
-            f"{what} ({duration_h:g} h) must be a whole number of steps of {dt_h:g} h, at least one"
-        )
+        return None
     return round(steps)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from bess.arrays import Array
-from bess.dispatch.forecast import steps_in
+from bess.dispatch.forecast import whole_steps
 from bess.dispatch.synthetic import (
     commercial_load,
     frequency_week,
@@ -169,9 +169,11 @@ def read_profile(
 def _check_unit(column: str, unit: str) -> None:
     """Raise InputError if a column name gives a unit other than `unit`."""
     from bess.market.files import fail
-    from bess.market.units import power_unit
+    from bess.market.units import names_currency, power_unit
 
     named = power_unit(column)
+    if named != unit and names_currency(column):
+        fail(1, f"column {column!r} holds prices, not power in {unit}; give a column of power")
     if named is not None and named != unit:
         alike = _TO_KVAR if unit in _TO_KVAR else _TO_KW
         what = "reactive power" if unit in _TO_KVAR else "power"
@@ -185,8 +187,15 @@ def _resampled(name: str, series: pd.Series, dt_h: float) -> pd.Series:
 
     file_h = (series.index[1] - series.index[0]) / pd.Timedelta(hours=1)
     values = series.to_numpy()
-    if file_h <= dt_h:
-        per_step = steps_in(dt_h, file_h, f"profile {name}: the control step, in steps of the file,")
+    averages = file_h <= dt_h
+    per_step = whole_steps(dt_h, file_h) if averages else whole_steps(file_h, dt_h)
+    if per_step is None:
+        minutes, control = (f"{60.0 * hours:g} min" for hours in (file_h, dt_h))
+        raise InputError(
+            f"profile {name}: its step of {minutes} is neither a fraction nor a multiple of the control step "
+            f"of {control}; give a file with steps of {control}"
+        )
+    if averages:
         whole = values.size // per_step
         if whole == 0:
             raise InputError(
@@ -194,6 +203,6 @@ def _resampled(name: str, series: pd.Series, dt_h: float) -> pd.Series:
             )
         values = values[: whole * per_step].reshape(whole, per_step).mean(axis=1)
     else:
-        values = values.repeat(steps_in(file_h, dt_h, f"profile {name}: the step of the file"))
+        values = values.repeat(per_step)
     index = pd.date_range(series.index[0], periods=values.size, freq=pd.Timedelta(hours=dt_h), name="time")
     return pd.Series(values, index=index)

@@ -1,7 +1,7 @@
 """Rows in UTC to a gap-free series with a regular step."""
 
 from itertools import pairwise
-from typing import Final, get_args
+from typing import Final, NoReturn, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -39,8 +39,7 @@ def regular(
         fail(None, f"fill {fill!r} is unknown; allowed are {', '.join(get_args(Fill))}")
     known = np.flatnonzero(rows["value"].notna())
     if known.size < 2:
-        there = f"from here to line {rows.index[-1]} there are {known.size} of {len(rows)} values"
-        fail(rows.index[0], f"{there}, and a series needs two; choose another column")
+        _fail_without_series(rows, known.size)
     every, present = rows.iloc[known[0] : known[-1] + 1], rows.iloc[known]
     cut = len(rows) - len(every)
     line = rows.index[0 if known[0] else min(known[-1] + 1, len(rows) - 1)]
@@ -65,6 +64,17 @@ def regular(
     series = pd.Series(values, index=index)
     _fill_gaps(series, rows.index[np.searchsorted(place, np.arange(index.size))], fill, repairs, bridged_s)
     return series
+
+
+def _fail_without_series(rows: pd.DataFrame, n_values: int) -> NoReturn:
+    """Raise InputError for rows with less than two values."""
+    if len(rows) == 1:
+        found = "is the only row" if n_values else "is the only row, and its value is missing"
+        remedy = "give a longer file"
+    else:
+        found = f"of {len(rows)} rows from here to line {rows.index[-1]}, {n_values or 'none'} has a value"
+        remedy = "choose another column"
+    fail(rows.index[0], f"{found}; a series needs two values: {remedy}")
 
 
 def _tell_a_step(known: pd.DataFrame, every: pd.DataFrame) -> bool:

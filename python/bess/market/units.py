@@ -60,6 +60,11 @@ def names_euro(column: str) -> bool:
     return bool(_EURO.search(_plain(column)))
 
 
+def names_currency(column: str) -> bool:
+    """Return whether a column name gives a currency."""
+    return names_euro(column) or bool(_UPPER.search(column))
+
+
 def check_price_unit(column: str) -> None:
     """Raise InputError if a column name gives a unit other than EUR/MWh."""
     other = foreign_unit(column)
