@@ -24,3 +24,25 @@ def test_of_several_unexpected_errors_the_first_is_raised_and_none_is_left_to_th
 
     asyncio.run(round_of_three())
     assert left == []
+
+
+def test_a_round_that_is_cancelled_ends_all_of_its_calls() -> None:
+    left: list[dict[str, Any]] = []
+    written: list[int] = []
+
+    async def write(key: int) -> None:
+        if key == 0:
+            raise KeyError(key)
+        await asyncio.sleep(0.02)
+        written.append(key)
+
+    async def cancelled_round() -> None:
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: left.append(context))
+        rounds: Rounds[int, None] = Rounds(ValueError)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(rounds([0, 1, 2], write, lambda key: asyncio.Semaphore()), 0.005)
+        await asyncio.sleep(0.05)
+        gc.collect()
+
+    asyncio.run(cancelled_round())
+    assert (written, left) == ([], [])

@@ -114,11 +114,19 @@ class Rounds(Generic[K, T]):
         tasks = {key: asyncio.ensure_future(one(key)) for key in order}
         if not tasks:
             return {}, {}
-        _, late = await asyncio.wait(tasks.values(), timeout=DEADLINE_S)
-        ended_s = time.monotonic()
-        for task in late:
-            task.cancel()
-        await asyncio.wait(tasks.values())
+        try:
+            _, late = await asyncio.wait(tasks.values(), timeout=DEADLINE_S)
+            ended_s = time.monotonic()
+            for task in late:
+                task.cancel()
+            await asyncio.wait(tasks.values())
+        except asyncio.CancelledError:
+            # A round that is given up must not write set-points later.
+            for task in tasks.values():
+                if task.done() and not task.cancelled():
+                    task.exception()  # retrieved, so that the event loop does not report it
+                task.cancel()
+            raise
         done: dict[K, T] = {}
         failed: dict[K, Exception] = {}
         unexpected: list[BaseException] = []
