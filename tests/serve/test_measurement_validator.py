@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_cases import controller, measured
 
-from bess.checkpoints import to_json
+from bess.checkpoints import from_json, to_json
 
 
 def reasons_of(answer, string):  # type: ignore[no-untyped-def]
@@ -95,6 +95,17 @@ def test_old_measurements_are_not_acted_upon() -> None:
     assert "measurements are 70 s old, 30 s are allowed" in answer.reasons[0]
     answer = live.step(measured([0.5, 0.5], at_s=80.0), 80.0, 80.0)
     assert answer.unmet_kw == 0.0
+
+
+def test_measurements_are_as_old_after_a_restart_as_before() -> None:
+    before, after = (controller(2, control_step_s=10.0, late_after_s=30.0) for _ in range(2))
+    for k in range(3):
+        before.step(measured([0.5, 0.5], at_s=0.0), 80.0, 10.0 * k)
+    after.load_state_dict(from_json(to_json(before.state_dict())))
+    # The restart took 15 s.
+    answer = after.step(measured([0.5, 0.5], at_s=0.0), 80.0, 35.0)
+    assert not answer.request_kw.any()
+    assert "measurements are 35 s old, 30 s are allowed" in answer.reasons[0]
 
 
 @pytest.mark.parametrize(("gives", "cap_kw"), [(0.0, 0.0), (0.5, 46.0), (-1.0, 0.0)])

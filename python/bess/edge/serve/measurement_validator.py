@@ -81,6 +81,8 @@ class ValidState:
 class MeasurementValidator(Checkpointed):
     """Validates the measurements of all strings; ``ageing`` gives their capacity."""
 
+    _carried = ("_late_s", "_last_time")
+
     def __init__(self, system: System, service: ServiceSection, step_s: float, ageing: Ageing) -> None:
         self._system, self._service, self._ageing = system, service, ageing
         self._watch = [_StringMonitor(system, i, service, step_s) for i in range(system.n_strings)]
@@ -130,11 +132,12 @@ class MeasurementValidator(Checkpointed):
         )
 
     def state_dict(self) -> dict[str, Any]:
-        """State of all monitors."""
-        return {"watch": [watch.state_dict() for watch in self._watch]}
+        """State of all monitors, and the age of the measurements: a restart does not make them newer."""
+        return super().state_dict() | {"watch": [watch.state_dict() for watch in self._watch]}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore the result of :meth:`state_dict`."""
+        super().load_state_dict(state_dict)
         for watch, state in zip(self._watch, state_dict["watch"], strict=True):
             watch.load_state_dict(state)
 
