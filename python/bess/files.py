@@ -7,6 +7,7 @@ import json
 import stat
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from io import BufferedIOBase
 from pathlib import Path
 from typing import IO, Any, Final, Literal
@@ -39,15 +40,29 @@ def missing(path: str | Path) -> str:
     return f"did you mean {close[0]!r}?" if close else "check the path"
 
 
-def parse_json(text: str | bytes) -> Any:
+class RepeatedKeyError(ValueError):
+    """A key occurs twice in one object."""
+
+
+def parse_json(text: str | bytes, *, unique_keys: bool = False) -> Any:
     """Parse a JSON document; every failure is a ValueError, excessive nesting included.
 
     Raises
     ------
     ValueError
-        The text is not JSON, or is nested too deeply.
+        The text is not JSON, or is nested too deeply; with ``unique_keys``, :class:`RepeatedKeyError` for a
+        key that occurs twice in one object, of which the last one applies otherwise.
     """
-    return _parsed(json.loads, text)
+    return _parsed(partial(json.loads, object_pairs_hook=_object) if unique_keys else json.loads, text)
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    entries: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in entries:
+            raise RepeatedKeyError(f"the key {key!r:.80} occurs twice in one object; give it once")
+        entries[key] = value
+    return entries
 
 
 def parse_toml(text: str) -> dict[str, Any]:

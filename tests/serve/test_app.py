@@ -105,6 +105,14 @@ BAD = {
         b'{"demand_kw": 5, "strings": [{"soc": 0.5, "limit_kw": -1}, {"soc": 0.5}]}',
         "strings[0].limit_kw = -1",
     ),
+    "twice": (
+        b'{"demand_kw": 5, "demand_kw": 50, "strings": [{"soc": 0.5}, {"soc": 0.5}]}',
+        "the key 'demand_kw' occurs twice in one object; give it once",
+    ),
+    "twice within": (
+        b'{"demand_kw": 5, "strings": [{"soc": 0.5, "soc": 0.9}, {"soc": 0.5}]}',
+        "the key 'soc' occurs twice in one object; give it once",
+    ),
     "unknown": (b'{"demand_kw": 5, "strings": [{"SoC": 0.5}, {"soc": 0.5}]}', "strings[0].SoC: unknown key"),
 }
 

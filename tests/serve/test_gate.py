@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from http_cases import BEARER, TOKEN, TestClient
 
 from bess.cli import main
 from bess.edge.serve.app import build_app
-from bess.edge.serve.gate import Names, Rate, check_token, is_allowed, read_token
+from bess.edge.serve.gate import Names, Rate, check_token, exposure, is_allowed, read_token
 from bess.edge.serve.service import Service
 from bess.errors import InputError
 from bess.study import load_study
@@ -247,6 +248,18 @@ def test_a_token_is_a_line_that_is_long_enough(tmp_path: Path) -> None:
     assert is_allowed(TOKEN, f"Bearer {TOKEN}")
     assert not is_allowed(TOKEN, TOKEN)
     assert not is_allowed(TOKEN, None)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such bits")
+@pytest.mark.parametrize(
+    ("mode", "is_exposed"), [(0o600, False), (0o640, False), (0o644, True), (0o602, True)]
+)
+def test_a_token_file_of_everybody_is_warned_of(tmp_path: Path, mode: int, is_exposed: bool) -> None:
+    path = tmp_path / "token"
+    path.write_text(TOKEN)
+    path.chmod(mode)
+    assert bool(exposure(path)) == is_exposed
+    assert not is_exposed or exposure(path).endswith(f"run chmod 600 {path}")
 
 
 def test_a_rate_lets_bursts_pass_and_no_more() -> None:

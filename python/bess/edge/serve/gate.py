@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import hmac
 import ipaddress
+import os
 import re
 import socket
+import stat
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -22,7 +24,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from bess.edge.serve.page import PAGE, PAGE_HEADERS
 from bess.edge.serve.service import LOG, Service
 from bess.errors import InputError
-from bess.files import parse_json
+from bess.files import RepeatedKeyError, parse_json
 
 REFUSALS: Final = LOG.getChild("requests")
 HEALTH: Final = "/v1/health"
@@ -71,6 +73,14 @@ def read_token(path: Path) -> str:
             "without spaces; openssl rand -hex 32 makes one"
         )
     return token
+
+
+def exposure(path: Path) -> str:
+    """Return a warning if every user of this machine can read or write a token file, otherwise ""."""
+    # On Windows, these bits say nothing about other users.
+    if os.name == "nt" or not path.stat().st_mode & (stat.S_IROTH | stat.S_IWOTH):
+        return ""
+    return f"--token-file {path}: every user of this machine can read or write it; run chmod 600 {path}"
 
 
 def is_allowed(token: str, authorization: str | None) -> bool:
@@ -298,11 +308,13 @@ def _limited(request: Request) -> Receive:
                     body += part
                     if len(body) > MAX_BODY:
                         raise HTTPException(413, f"the body is longer than {MAX_BODY} bytes", _CLOSE)
-            parse_json(body)
+            parse_json(body, unique_keys=True)
         except ClientDisconnect:
             raise HTTPException(400, "the client disconnected before the body was complete") from None
         except TimeoutError:
             raise HTTPException(408, f"the body took longer than {_READ_S:g} s", _CLOSE) from None
+        except RepeatedKeyError as error:
+            raise HTTPException(422, str(error)) from None
         except ValueError as error:
             raise HTTPException(422, f"the body is not JSON ({error})") from None
         return {"type": "http.request", "body": body, "more_body": False}

@@ -24,7 +24,16 @@ from bess.edge.plant_io.address import parse_address
 from bess.edge.plant_io.journal import Journal
 from bess.edge.serve.app import build_app
 from bess.edge.serve.control_loop import STEP_S, ControlLoop, Demands
-from bess.edge.serve.gate import BACKLOG, KEEP_ALIVE_S, Connection, Names, Rate, check_token, read_token
+from bess.edge.serve.gate import (
+    BACKLOG,
+    KEEP_ALIVE_S,
+    Connection,
+    Names,
+    Rate,
+    check_token,
+    exposure,
+    read_token,
+)
 from bess.edge.serve.service import LOG, Service
 from bess.errors import BessError, InputError
 from bess.simulation.record.store import locked
@@ -63,6 +72,8 @@ def serve(
         raise InputError("--shadow: watches a plant; name one with --plant openems=URL or sunspec=HOST")
     address = "" if plant is None else str(parse_address(plant))
     _log_to_standard_error()
+    if token_file is not None and (warning := exposure(token_file)):
+        LOG.warning(warning)
     if plant is not None and study.service.control_step_s is None:
         study = study.with_values({"service.control_step_s": STEP_S})
     folder = state or Path("results") / f"{study.name}-service"
