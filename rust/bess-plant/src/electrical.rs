@@ -1,8 +1,8 @@
 //! One string at one instant: inverter, Rint battery and their limits.
 //!
-//! Signs: power and current positive in discharge. Of delivered AC power `p` the battery sees `p + w`:
+//! Signs: power and current positive in discharge. The battery supplies the AC power `p` and the inverter loss `w`:
 //! `V I - R I^2 = p + w`. This file is the scalar form with every limit; the block evaluates the same balance
-//! side by side where no limit is near.
+//! for several strings at once if no limit is active.
 
 use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::{Direction, StringParameters};
@@ -12,7 +12,7 @@ use crate::record::Limits;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Demand {
     pub(crate) direction: Direction,
-    /// AC power after derating, magnitude, 0 or at least the least power of the inverter [W].
+    /// AC power after derating, magnitude, 0 or at least the minimum power of the inverter [W].
     pub(crate) wanted_w: f64,
     pub(crate) reactive_var: f64,
     pub(crate) soc: f64,
@@ -24,7 +24,7 @@ pub(crate) struct Demand {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Operation {
+pub(crate) struct OperatingPoint {
     /// Delivered AC power, magnitude [W].
     pub(crate) delivered_w: f64,
     /// Inverter loss that the battery or the AC side covers while on [W].
@@ -47,14 +47,14 @@ impl Demand {
     /// Current if nothing limits it.
     fn unlimited(&self, delivered_w: f64, loss_w: f64, resistance_ohm: f64) -> f64 {
         let power_w = self.direction.pick(loss_w - delivered_w, delivered_w + loss_w);
-        // Charging with less than the inverter loses takes the rest from the battery.
+        // When charging with less than the inverter loss, the battery supplies the difference.
         let voltage_v = if power_w > 0.0 { self.discharge_v } else { self.charge_v };
         rint_current(voltage_v, resistance_ohm, power_w)
     }
 
     /// The operation with the largest delivered power, not above `wanted_w`, that stays within the SOC window at
     /// the end of the step and within the voltage limits, and has a real current.
-    pub(crate) fn operate(&self, string: &StringParameters, resistance_ohm: f64) -> Operation {
+    pub(crate) fn operating_point(&self, string: &StringParameters, resistance_ohm: f64) -> OperatingPoint {
         let mut limits = Limits::NONE;
         let loss = string.inverter.loss(self.direction);
         let mut delivered_w = self.wanted_w;
@@ -75,9 +75,9 @@ impl Demand {
         }
         let loss_w = if delivered_w > 0.0 { loss.at(self.apparent_va(delivered_w)) } else { 0.0 };
         let current_a = self.unlimited(delivered_w, loss_w, resistance_ohm);
-        // Only rounding is left to clip: the power above was solved for the window.
+        // Only rounding is clipped: the power was solved for the window.
         let soc = self.soc_after(current_a).clamp(string.soc_min, string.soc_max);
-        Operation { delivered_w, loss_w, current_a, soc, limits }
+        OperatingPoint { delivered_w, loss_w, current_a, soc, limits }
     }
 
     /// Apparent power, exactly the active power where there is no reactive power.
@@ -97,14 +97,14 @@ impl Demand {
         let least = |a: (f64, Limits), b: (f64, Limits)| if b.0 < a.0 { b } else { a };
         match self.direction {
             Direction::Charge => {
-                let room = ((string.soc_max - self.soc) * per_soc_a, Limits::SOC_FULL);
-                let (current_a, limits) = least(room, limit(self.charge_v));
+                let headroom = ((string.soc_max - self.soc) * per_soc_a, Limits::SOC_FULL);
+                let (current_a, limits) = least(headroom, limit(self.charge_v));
                 (self.charge_v * current_a + resistance_ohm * current_a * current_a, limits)
             }
             Direction::Discharge => {
-                let room = ((self.soc - string.soc_min) * per_soc_a, Limits::SOC_EMPTY);
+                let headroom = ((self.soc - string.soc_min) * per_soc_a, Limits::SOC_EMPTY);
                 let root = (self.discharge_v / (2.0 * resistance_ohm), Limits::ROOT);
-                let (current_a, limits) = least(least(root, room), limit(self.discharge_v));
+                let (current_a, limits) = least(least(root, headroom), limit(self.discharge_v));
                 (self.discharge_v * current_a - resistance_ohm * current_a * current_a, limits)
             }
         }
@@ -117,7 +117,7 @@ impl Demand {
     }
 }
 
-/// Halvings that leave a power between two knots exact to rounding.
+/// Bisections after which a power between two knots is exact to rounding.
 const HALVINGS: usize = 60;
 
 /// Largest `p` in `[0, start]` with `net(p) <= target`, for a `net` above the target at `start`; 0 where there is none.

@@ -1,11 +1,11 @@
-//! A bundle of numbers, one for each string that is stepped side by side.
+//! A vector of numbers, one for each string of a block (single instruction, multiple data).
 //!
 //! Every operation acts lane by lane and in the order written, without fused or re-associated arithmetic, so a
 //! lane's result does not depend on its neighbours or on the instruction set the loops are compiled to.
 
 use std::ops::{Add, Mul, Sub};
 
-/// Strings that are stepped side by side: one vector of AVX2. Twice as many take a seventh more instructions for each string.
+/// Strings of a block: one vector of AVX2. Twice as many take a seventh more instructions for each string.
 pub(crate) const WIDTH: usize = 4;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,15 +39,15 @@ impl Lanes {
         Self::from_fn(|l| self.0[l] / other.0[l])
     }
 
-    /// The larger one. Written as a comparison because that is one instruction; `f64::max` also orders NaN.
+    /// Lane-wise maximum. A comparison is one instruction; `f64::max` also orders NaN.
     #[inline(always)]
-    pub(crate) fn at_least(self, other: Self) -> Self {
+    pub(crate) fn max(self, other: Self) -> Self {
         Self::from_fn(|l| if self.0[l] > other.0[l] { self.0[l] } else { other.0[l] })
     }
 
-    /// The smaller one.
+    /// Lane-wise minimum.
     #[inline(always)]
-    pub(crate) fn at_most(self, other: Self) -> Self {
+    pub(crate) fn min(self, other: Self) -> Self {
         Self::from_fn(|l| if self.0[l] < other.0[l] { self.0[l] } else { other.0[l] })
     }
 

@@ -15,7 +15,7 @@
 //! runs from control step to control step (`block/control_step.rs`, which also writes the [`Record`]) and, inside these, from plant
 //! step to plant step (`block/step.rs`: the electrical balance of all lanes at once, `electrical.rs` for the lanes that
 //! have a limit, `thermal.rs` for the heat). Where strings share a
-//! coolant, `cooling/station.rs` steps the blocks in turn, with the coolant between them.
+//! coolant, `cooling/system.rs` steps the blocks in turn, with the coolant between them.
 
 // The helpers that tests and benches share name the crate.
 #[cfg(test)]

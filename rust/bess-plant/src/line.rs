@@ -22,7 +22,7 @@ impl Line {
         Self { low, high, intercept, slope: 0.0 }
     }
 
-    /// A value that holds for one step only.
+    /// A value that is valid for one step only.
     pub(crate) fn once(value: f64) -> Self {
         Self::constant(f64::INFINITY, f64::NEG_INFINITY, value)
     }
@@ -45,7 +45,7 @@ impl Line {
         Self::of_knots(table.x(), table.y(), at)
     }
 
-    /// Along the first axis of a grid. Where the second axis matters too, the value holds only once.
+    /// Along the first axis of a grid. If the grid also depends on the second axis, the value is valid for one step only.
     pub(crate) fn of_grid(grid: &Grid, x: f64, y: f64) -> Self {
         if grid.y().len() == 1 {
             Self::of_knots(grid.x(), grid.z(), x)
@@ -64,7 +64,7 @@ pub(crate) struct Lines {
 }
 
 impl Lines {
-    /// Nothing known yet: every lane is looked up at first use.
+    /// Without segments: every lane is looked up at first use.
     pub(crate) fn unknown() -> Self {
         let mut lines =
             Self { low: Lanes::ZERO, high: Lanes::ZERO, intercept: Lanes::ZERO, slope: Lanes::ZERO };
@@ -79,7 +79,7 @@ impl Lines {
         self.slope.0[lane] = line.slope;
     }
 
-    /// Distance of `x` from the two ends of the known line; `x` has left it where [`Margin::left`] says so.
+    /// Distance of `x` from both ends of the current segments.
     #[inline(always)]
     pub(crate) fn margin(&self, x: Lanes) -> Margin {
         Margin { low: x - self.low, high: self.high - x }
@@ -99,8 +99,8 @@ impl Lines {
     #[inline(always)]
     pub(crate) fn at(&mut self, x: Lanes, find: impl Fn(usize, f64) -> Line) -> Lanes {
         let margin = self.margin(x);
-        if margin.any_left() {
-            for lane in (0..WIDTH).filter(|&lane| margin.left(lane)) {
+        if margin.any_outside() {
+            for lane in (0..WIDTH).filter(|&lane| margin.is_outside(lane)) {
                 self.set(lane, find(lane, x.0[lane]));
             }
         }
@@ -108,8 +108,7 @@ impl Lines {
     }
 }
 
-/// Distances from both ends of a half-open segment. Kept as numbers, because their minimum over many nodes is one
-/// instruction for each end.
+/// Distances from both ends of half-open segments, as numbers: their minimum over many nodes is one instruction for each end.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Margin {
     low: Lanes,
@@ -120,19 +119,19 @@ impl Margin {
     pub(crate) const UNLIMITED: Self =
         Self { low: Lanes([f64::INFINITY; WIDTH]), high: Lanes([f64::INFINITY; WIDTH]) };
 
-    /// The smaller distance of both.
+    /// The smaller of both distances.
     #[inline(always)]
-    pub(crate) fn narrowed(self, other: Self) -> Self {
-        Self { low: self.low.at_most(other.low), high: self.high.at_most(other.high) }
+    pub(crate) fn min(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.min(other.high) }
     }
 
     #[inline(always)]
-    pub(crate) fn left(&self, lane: usize) -> bool {
+    pub(crate) fn is_outside(&self, lane: usize) -> bool {
         self.low.0[lane] < 0.0 || self.high.0[lane] <= 0.0
     }
 
     #[inline(always)]
-    pub(crate) fn any_left(&self) -> bool {
-        (0..WIDTH).fold(false, |any, lane| any | self.left(lane))
+    pub(crate) fn any_outside(&self) -> bool {
+        (0..WIDTH).fold(false, |any, lane| any | self.is_outside(lane))
     }
 }

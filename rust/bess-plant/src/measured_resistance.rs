@@ -1,9 +1,9 @@
 //! Strings whose resistance was measured over SOC, temperature and C-rate.
 //!
 //! The table is read at the C-rate that flows, which depends on the resistance: a fixed point, found by four
-//! passes from the current without any resistance. Each pass shrinks the error by about
-//! `d ln R / d ln I * R I / V`, some 1e-2, so four leave 1e-8 of the effect of the C-rate. Whatever is left does
-//! not touch the energy balance: power, heat and node heat use one and the same resistance.
+//! passes from the current without any resistance. Each pass reduces the error by a factor of about
+//! `d ln R / d ln I * R I / V`, some 1e-2, so 1e-8 of the effect of the C-rate remains after four. This error does
+//! not affect the energy balance: power, heat and node heat use the same resistance.
 
 use bess_tables::{Axis, Direction, Grid, Resistance};
 
@@ -21,7 +21,7 @@ pub(crate) struct MeasuredResistance {
 }
 
 impl MeasuredResistance {
-    /// Room for any table of these strings.
+    /// Work space for the largest table of these strings.
     pub(crate) fn new<'a>(nodes: usize, tables: impl Iterator<Item = &'a Resistance>) -> Self {
         let knots = tables
             .filter_map(|table| match table {

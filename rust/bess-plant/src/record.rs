@@ -17,7 +17,7 @@ impl Limits {
     pub const ROOT: Self = Self(8);
     /// The voltage limit of the cells.
     pub const VOLTAGE: Self = Self(16);
-    /// The least power of an inverter: a request below it leaves the inverter off.
+    /// The minimum power of an inverter: a request below it leaves the inverter off.
     pub const MIN_POWER: Self = Self(32);
 
     /// Both sets together.

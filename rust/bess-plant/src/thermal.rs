@@ -51,12 +51,12 @@ impl Coefficients {
         }
     }
 
-    /// `2 Fo + lateral`, or the same sum of an end cell where that is larger. Not above 1 in a stable plant.
+    /// `2 Fo + lateral`, or the same sum of an end cell where that is larger. At most 1 in a stable plant.
     pub(crate) fn stability_number(&self) -> f64 {
         (2.0 * self.fourier).max(self.fourier + self.end) + self.lateral
     }
 
-    /// The same at a share of the air flow. Standing air is as warm as the cells and takes no heat.
+    /// The same at a share of the air flow. Still air is as warm as the cells and takes no heat.
     pub(crate) fn at_flow(self, share: f64) -> Self {
         Self { ntu: self.ntu / share, ..self }
     }
@@ -117,19 +117,19 @@ impl AirPath {
         self.air_gain.0[lane] = 1.0 - coefficients.air_decay();
     }
 
-    /// Where air that enters at `inlet` leaves the last node as the nodes are now [degC].
+    /// Outlet temperature of air that enters at `inlet`, at the present node temperatures [degC].
     #[inline(always)]
     pub(crate) fn outlet(&self, inlet: Lanes) -> Lanes {
         self.temperature.iter().fold(inlet, |air, &node| self.air_decay * air + self.air_gain * node)
     }
 
-    /// Warms every node by the same [K], after [`Self::advance`]; `hottest` is raised to the hottest node.
+    /// Warms every node equally [K], after [`Self::advance`]; `hottest` is raised to the hottest node.
     #[cold]
     #[inline(never)]
     pub(crate) fn warm(&mut self, rise: Lanes, mut hottest: Lanes, tables: &[&Resistance; WIDTH]) -> Lanes {
         for node in &mut self.temperature {
             *node = *node + rise;
-            hottest = hottest.at_least(*node);
+            hottest = hottest.max(*node);
         }
         self.look_up(tables);
         hottest
@@ -175,7 +175,7 @@ impl AirPath {
 
         self.temperature_sum = sums.temperature;
         self.resistance_sum = sums.resistance;
-        if sums.margin.any_left() {
+        if sums.margin.any_outside() {
             self.look_up(tables);
         }
         sums.hottest
@@ -197,8 +197,8 @@ impl AirPath {
         self.resistance[node] = resistance;
         sums.temperature = sums.temperature + now;
         sums.resistance = sums.resistance + resistance;
-        sums.hottest = sums.hottest.at_least(now);
-        sums.margin = sums.margin.narrowed(self.lines[node].margin(now));
+        sums.hottest = sums.hottest.max(now);
+        sums.margin = sums.margin.min(self.lines[node].margin(now));
     }
 
     /// Finds the table segment of every node anew and sums up, in the order of [`Self::advance`].

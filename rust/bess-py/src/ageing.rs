@@ -88,7 +88,7 @@ pub fn ageing_models() -> Vec<(&'static str, &'static str)> {
     models::MODELS.iter().map(|model| (model.name, model.about)).collect()
 }
 
-/// Cycles of a series (ASTM E1049-85, rainflow): range, mean, count (1 or 0.5), index of both ends; the ranges left
+/// Cycles of a series (ASTM E1049-85, rainflow): range, mean, count (1 or 0.5), index of both ends; open ranges
 /// at the end count as half cycles.
 #[pyfunction]
 pub fn rainflow(series: GivenVector<'_>) -> Vec<(f64, f64, f64, usize, usize)> {
@@ -100,7 +100,7 @@ pub fn rainflow(series: GivenVector<'_>) -> Vec<(f64, f64, f64, usize, usize)> {
     out.iter()
         .map(|c| {
             let (a, b) = (c.from.value, c.to.value);
-            ((a - b).abs(), 0.5 * (a + b), c.count, c.from.mark, c.to.mark)
+            ((a - b).abs(), 0.5 * (a + b), c.count, c.from.data, c.to.data)
         })
         .collect()
 }

@@ -1,11 +1,11 @@
-//! Knots of a table, and where a value lies among them.
+//! Knots of a table, and the search for the segment of a value.
 
 use std::ops::Deref;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use crate::InputError;
 
-/// Ascending knots of a table. A value is first sought in the segment found last.
+/// Ascending knots of a table. The search starts with the segment of the last value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
     knots: Vec<f64>,
@@ -14,8 +14,8 @@ pub struct Axis {
     last: Last,
 }
 
-/// The knot found last. Successive values of a simulation are often in one segment, and the processor continues with it before
-/// the comparison is complete. Results do not depend on it.
+/// The last knot found. Successive values of a simulation are often in one segment, and branch prediction then hides the
+/// comparison. Results do not depend on it.
 #[derive(Debug, Default)]
 struct Last(AtomicU32);
 
@@ -53,7 +53,7 @@ impl Axis {
         Ok(Self::ascending(knots))
     }
 
-    /// Of knots, at least one, that are known to ascend.
+    /// An axis of at least one knot, without checks.
     pub fn ascending(knots: Vec<f64>) -> Self {
         let next = knots[1..].iter().copied().chain([f64::INFINITY]).collect();
         Self { knots, next, last: Last::default() }

@@ -10,7 +10,7 @@ pub enum Direction {
 }
 
 impl Direction {
-    /// Direction of a power, positive in discharge; zero counts as discharge, in which nothing flows then.
+    /// Direction of a power, positive in discharge; zero counts as discharge.
     #[inline]
     pub fn of(power: f64) -> Self {
         if power < 0.0 {
@@ -26,7 +26,7 @@ impl Direction {
         self.pick(-1.0, 1.0)
     }
 
-    /// The one of two values that holds in this direction.
+    /// Selects the value of this direction.
     #[inline(always)]
     pub fn pick<T>(self, charge: T, discharge: T) -> T {
         match self {

@@ -54,7 +54,7 @@ pub struct StringParameters {
     pub ageing: Ageing,
 }
 
-/// How a string ages.
+/// Ageing model of a string.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ageing {
@@ -116,7 +116,7 @@ pub struct Inverter {
     pub loss_discharge: Lut,
     /// Loss of an inverter that is off [W].
     pub off_loss_w: f64,
-    /// Least AC power of an inverter that is on [W].
+    /// Minimum AC power of an inverter that is on [W].
     pub min_power_w: f64,
 }
 
@@ -181,7 +181,7 @@ impl StringParameters {
     }
 
     /// `count` such strings in parallel, as one string with their total charge capacity [Ah] and `resistance` times the
-    /// resistance of one. The spatial thermal model stays that of one string.
+    /// resistance of one. The spatial thermal model remains that of one string.
     pub fn in_parallel(&self, count: f64, capacity_ah: f64, resistance: f64) -> Self {
         let mut group = self.clone();
         group.capacity_ah = capacity_ah;

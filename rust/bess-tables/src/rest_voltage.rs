@@ -2,7 +2,7 @@
 
 use crate::{Axis, Grid};
 
-/// Temperature of the tables that chemical energy is counted by [degC].
+/// Temperature of the voltages that define chemical energy [degC].
 const CHEMICAL_ENERGY_C: f64 = 25.0;
 
 /// Mean of the open-circuit voltages of charge and discharge at 25 degC, integrated over SOC.
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_integral_of_a_straight_mean_is_its_parabola_across_knots() {
+    fn the_integral_of_a_linear_mean_is_a_parabola_across_knots() {
         let soc = vec![0.1, 0.3, 0.35, 1.0];
         let table = |gap: f64| {
             let volts = soc.iter().flat_map(|s| [0.0, 3.0 + 2.0 * s + gap]).collect();

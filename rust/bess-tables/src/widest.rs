@@ -1,7 +1,7 @@
 //! Inner loops compiled for the widest vectors of the processor.
 
-/// A function that is also compiled for AVX2 and runs so where the processor has it. It multiplies and adds in the same order, so that
-/// results are the same to the bit. What runs elsewhere is `name::portable`.
+/// Compiles a function for AVX2 too, and uses that version if the processor supports it. Both versions multiply and add in the same
+/// order, so results are bit-identical. `name::portable` is the version without AVX2.
 #[macro_export]
 macro_rules! widest {
     ($(#[$attribute:meta])* $visible:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $body:block) => {
@@ -25,7 +25,7 @@ macro_rules! widest {
         $visible fn $name($($argument: $type),*) {
             #[cfg(target_arch = "x86_64")]
             if std::arch::is_x86_feature_detected!("avx2") {
-                // SAFETY: the processor has been asked for AVX2.
+                // SAFETY: the processor supports AVX2.
                 unsafe { $name::avx2($($argument),*) };
                 return;
             }

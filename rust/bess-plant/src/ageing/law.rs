@@ -1,8 +1,8 @@
-//! The mechanism common to all models: power laws advanced along a history of changing conditions.
+//! Power laws of all models, integrated over changing conditions.
 
 /// Calendar conditions of a string over a block of time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Standing {
+pub struct CalendarConditions {
     /// Mean state of charge.
     pub soc: f64,
     /// Mean temperature [K].
@@ -14,15 +14,15 @@ pub struct Standing {
 /// A half cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cycle {
-    /// Its depth, as a share of the capacity of its time.
+    /// Depth, as a share of the capacity at that time.
     pub depth: f64,
-    /// Middle of its range of SOC.
+    /// Mean of its lowest and highest SOC.
     pub soc: f64,
     /// Mean C-rate while charge moves [1/h].
     pub c_rate: f64,
     /// Mean temperature, weighted by the charge that moves [K].
     pub temperature_k: f64,
-    /// Root of the mean square of the open-circuit voltage of one cell over its range [V].
+    /// Root mean square of the open-circuit voltage of one cell over the cycle [V].
     pub cell_v: f64,
 }
 
@@ -37,22 +37,22 @@ pub struct Law<S> {
 }
 
 impl<S> Law<S> {
-    /// Where nothing is known: no loss.
+    /// No loss.
     pub const NONE: Self = Self { rate: |_| 0.0, exponent: 1.0 };
 
-    /// Damage of a length `dx` under the conditions `s`.
+    /// Damage over `dx` under the conditions `s`.
     #[inline]
     pub fn damage(&self, s: &S, dx: f64) -> f64 {
         power((self.rate)(s).max(0.0), 1.0 / self.exponent) * dx
     }
 
-    /// `y` that a damage amounts to.
+    /// `y` at a damage.
     #[inline]
     pub fn loss(&self, damage: f64) -> f64 {
         power(damage, self.exponent)
     }
 
-    /// Damage that amounts to `y`.
+    /// Damage at a `y`.
     #[inline]
     pub fn damage_of(&self, loss: f64) -> f64 {
         power(loss, 1.0 / self.exponent)
@@ -91,7 +91,7 @@ pub struct Knee {
     pub capacity: fn(f64) -> f64,
 }
 
-/// A cell model from the publications on one cell.
+/// A published ageing model of one cell.
 #[derive(Debug, Clone, Copy)]
 pub struct Model {
     /// Name in system and study files.
@@ -99,11 +99,11 @@ pub struct Model {
     /// Cell, source, and where it was measured.
     pub about: &'static str,
     /// Capacity lost over days.
-    pub calendar: Law<Standing>,
+    pub calendar: Law<CalendarConditions>,
     /// Capacity lost over equivalent full cycles.
     pub cyclic: Law<Cycle>,
     /// Resistance gained over days.
-    pub calendar_resistance: Law<Standing>,
+    pub calendar_resistance: Law<CalendarConditions>,
     /// Resistance gained over equivalent full cycles.
     pub cyclic_resistance: Law<Cycle>,
     /// Sudden loss of capacity late in life.
@@ -117,7 +117,7 @@ mod tests {
     const LAW: Law<f64> = Law { rate: |k| *k, exponent: 0.357 };
 
     #[test]
-    fn a_law_in_parts_is_the_law_in_one_and_the_order_of_conditions_does_not_matter() {
+    fn a_power_law_does_not_depend_on_steps_or_order_of_conditions() {
         let whole = LAW.loss(LAW.damage(&2e-3, 3650.0));
         assert!((whole - 2e-3 * 3650f64.powf(0.357)).abs() < 1e-15);
         let parts: f64 = (0..3650).map(|_| LAW.damage(&2e-3, 1.0)).sum();

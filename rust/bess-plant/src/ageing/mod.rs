@@ -14,7 +14,7 @@ mod rainflow;
 mod state;
 mod string;
 
-pub use law::{Cycle, Knee, Law, Model, Standing};
-pub use rainflow::{Counted, Rainflow};
+pub use law::{CalendarConditions, Cycle, Knee, Law, Model};
+pub use rainflow::{CountedCycle, Rainflow};
 pub use state::{AgeingState, Loss};
 pub use string::StringAgeing;

@@ -8,30 +8,30 @@
 pub struct Point<P> {
     /// Value of the series.
     pub value: f64,
-    /// Whatever is to be known of the moment; the last one of equal values.
-    pub mark: P,
+    /// Data of this point of time; of equal successive values, the last.
+    pub data: P,
 }
 
-/// A counted range between two points: a full or a half cycle.
+/// A full or a half cycle between two points.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Counted<P> {
+pub struct CountedCycle<P> {
     /// First point of the range.
     pub from: Point<P>,
-    /// Its other end.
+    /// Second point.
     pub to: Point<P>,
     /// 1 or 0.5.
     pub count: f64,
 }
 
-/// The points that may still be part of a cycle to be counted.
+/// The points of the open half cycles.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rainflow<P> {
-    /// Between each two an open half cycle; the last one is the last value.
+    /// Two successive points are an open half cycle; the last point is the last value.
     pub points: Vec<Point<P>>,
 }
 
 impl<P: Copy> Rainflow<P> {
-    /// Whether `value` would turn the series.
+    /// Whether the series has a reversal before `value`.
     #[inline]
     pub fn turns_at(&self, value: f64) -> bool {
         match self.points[..] {
@@ -42,8 +42,8 @@ impl<P: Copy> Rainflow<P> {
 
     /// Adds a value; completed cycles are passed to `counted`.
     #[inline]
-    pub fn push(&mut self, value: f64, mark: P, mut counted: impl FnMut(Counted<P>)) {
-        let point = Point { value, mark };
+    pub fn push(&mut self, value: f64, data: P, mut counted: impl FnMut(CountedCycle<P>)) {
+        let point = Point { value, data };
         match self.points[..] {
             [first] if value == first.value => return,
             [] | [_] => {
@@ -58,19 +58,19 @@ impl<P: Copy> Rainflow<P> {
                 break;
             }
             if self.points.len() == 3 {
-                counted(Counted { from: a, to: b, count: 0.5 });
+                counted(CountedCycle { from: a, to: b, count: 0.5 });
                 self.points.remove(0);
             } else {
-                counted(Counted { from: a, to: b, count: 1.0 });
+                counted(CountedCycle { from: a, to: b, count: 1.0 });
                 self.points.truncate(self.points.len() - 3);
                 self.points.push(c);
             }
         }
     }
 
-    /// The open ranges, as the half cycles that they count as at the end of a series.
-    pub fn open(&self) -> impl Iterator<Item = Counted<P>> + '_ {
-        self.points.windows(2).map(|pair| Counted { from: pair[0], to: pair[1], count: 0.5 })
+    /// The open half cycles, as counted at the end of a series.
+    pub fn open(&self) -> impl Iterator<Item = CountedCycle<P>> + '_ {
+        self.points.windows(2).map(|pair| CountedCycle { from: pair[0], to: pair[1], count: 0.5 })
     }
 }
 
@@ -84,11 +84,11 @@ mod tests {
             rainflow.push(value, index, |c| out.push(c));
         }
         out.extend(rainflow.open());
-        out.iter().map(|c| ((c.to.value - c.from.value).abs(), c.count, c.from.mark, c.to.mark)).collect()
+        out.iter().map(|c| ((c.to.value - c.from.value).abs(), c.count, c.from.data, c.to.data)).collect()
     }
 
     #[test]
-    fn the_example_of_the_standard_is_counted_as_printed_there() {
+    fn the_example_of_the_standard_is_reproduced() {
         let counted = count(&[-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0]);
         let printed = [
             (3.0, 0.5, 0, 1),
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_counted_and_what_is_open_have_travelled_as_far_as_the_series() {
+    fn counted_and_open_cycles_have_the_throughput_of_the_series() {
         let series: Vec<f64> =
             (0..500).map(|i| (0.37 * f64::from(i)).sin() * (0.011 * f64::from(i)).cos()).collect();
         let travelled: f64 = series.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();

@@ -39,19 +39,19 @@ impl Damage {
     }
 }
 
-/// Data of a rainflow point: sums since the start, and the damage of the half cycle that ended there, if any.
+/// Data of a rainflow point: sums since the start, and the damage of the half cycle that ends there, if any.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Mark {
-    /// SOC travelled.
+pub(super) struct PointData {
+    /// SOC throughput.
     pub(super) travel: f64,
     /// The same, weighted by temperature [K].
     pub(super) kelvin_travel: f64,
-    /// Time in which it moved [h].
+    /// Time with a current [h].
     pub(super) moving_h: f64,
     pub(super) damage: Damage,
 }
 
-impl Mark {
+impl PointData {
     fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
         let Self { travel, kelvin_travel, moving_h, damage } = self;
         [travel, kelvin_travel, moving_h].into_iter().chain(damage.numbers())
@@ -60,7 +60,7 @@ impl Mark {
 
 /// Sums since the last block.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Gathered {
+pub(super) struct BlockSums {
     pub(super) elapsed_s: f64,
     pub(super) soc_s: f64,
     pub(super) kelvin_s: f64,
@@ -76,9 +76,9 @@ pub struct AgeingState {
     /// Damage by counted cycles.
     pub(super) cyclic: Damage,
     /// Sums up to now.
-    pub(super) now: Mark,
-    pub(super) gathered: Gathered,
-    pub(super) rainflow: Rainflow<Mark>,
+    pub(super) now: PointData,
+    pub(super) block_sums: BlockSums,
+    pub(super) rainflow: Rainflow<PointData>,
     pub(super) loss: Loss,
 }
 
@@ -88,7 +88,7 @@ impl AgeingState {
         &self.loss
     }
 
-    /// All of it as numbers; as many as the count of open cycles takes.
+    /// The whole state as numbers; their count depends on the number of open cycles.
     pub fn to_numbers(&self) -> Vec<f64> {
         let count = self.rainflow.points.len() as f64;
         std::iter::once(count).chain(self.clone().numbers().map(|number| *number)).collect()
@@ -114,11 +114,11 @@ impl AgeingState {
         Ok(state)
     }
 
-    /// Its numbers in the order of [`Self::to_numbers`], after the count of points.
+    /// The numbers of [`Self::to_numbers`] in order, without the count of points.
     fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
-        let Self { base_capacity, base_resistance, calendar, cyclic, now, gathered, rainflow, loss } = self;
+        let Self { base_capacity, base_resistance, calendar, cyclic, now, block_sums, rainflow, loss } = self;
         let Loss { calendar: calendar_loss, cyclic: cyclic_loss, soh_capacity, soh_resistance } = loss;
-        let Gathered { elapsed_s, soc_s, kelvin_s } = gathered;
+        let BlockSums { elapsed_s, soc_s, kelvin_s } = block_sums;
         [calendar_loss, cyclic_loss, soh_capacity, soh_resistance, base_capacity, base_resistance]
             .into_iter()
             .chain([&mut calendar.capacity, &mut calendar.resistance])
@@ -126,8 +126,8 @@ impl AgeingState {
             .chain([elapsed_s, soc_s, kelvin_s])
             .chain(now.numbers())
             .chain(rainflow.points.iter_mut().flat_map(|point| {
-                let Point { value, mark } = point;
-                std::iter::once(value).chain(mark.numbers())
+                let Point { value, data } = point;
+                std::iter::once(value).chain(data.numbers())
             }))
     }
 }

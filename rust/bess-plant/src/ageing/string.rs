@@ -3,22 +3,22 @@
 use bess_tables::units::{SECONDS_PER_DAY, SECONDS_PER_HOUR, ZERO_C_IN_K};
 use bess_tables::{Direction, InputError, StringParameters};
 
-use super::law::{Cycle, Knee, Model, Standing};
+use super::law::{CalendarConditions, Cycle, Knee, Model};
 use super::models::model;
-use super::rainflow::{Counted, Point};
-use super::state::{AgeingState, Damage, Gathered, Loss, Mark};
+use super::rainflow::{CountedCycle, Point};
+use super::state::{AgeingState, BlockSums, Damage, Loss, PointData};
 
-/// Capacity and resistance change once this much time has gathered, at the end of a control step [s].
+/// Minimum time between two updates of capacity and resistance, which are at the end of a control step [s].
 const BLOCK_S: f64 = 900.0;
 
 /// Minimum capacity, as a share of the nameplate.
 const MIN_CAPACITY: f64 = 0.05;
 
-/// SOC travelled below which a range ages nothing: its mean temperature is a difference of sums over the life, which
-/// cancel to rounding.
+/// SOC throughput below which a half cycle causes no ageing: its mean temperature is a difference of lifetime sums, with
+/// cancellation.
 const MIN_TRAVEL: f64 = 1e-9;
 
-/// Temperature at which cell voltages are read where a model wants them [degC].
+/// Temperature of the cell voltages in ageing models [degC].
 const VOLTAGE_C: f64 = 25.0;
 
 /// Ageing of one string: its model and the data of the model.
@@ -29,7 +29,7 @@ pub struct StringAgeing {
 }
 
 impl StringAgeing {
-    /// The ageing that the string's parameters name.
+    /// Ageing with the model in the parameters of the string.
     ///
     /// # Errors
     ///
@@ -62,13 +62,13 @@ impl StringAgeing {
                 resistance: model.cyclic_resistance.damage_of((1.0 - share) * gained),
                 sites: 0.0,
             };
-            // A model without a law for the resistance keeps what the string has gained before.
+            // Without a law for the resistance, its initial increase stays.
             state.base_resistance = soh_resistance - resistance_gain(model, &state.calendar, &state.cyclic);
         }
         state
     }
 
-    /// Takes one control step; whether capacity or resistance may have changed.
+    /// Adds one control step; returns whether capacity or resistance may have changed.
     #[inline]
     pub(crate) fn observe(
         &self,
@@ -88,7 +88,7 @@ impl StringAgeing {
             let [.., from, to] = &mut state.rainflow.points[..] else {
                 unreachable!("a turn needs two points")
             };
-            to.mark.damage = self.damage(model, from, to);
+            to.data.damage = self.damage(model, from, to);
         }
         let travel = (after - before).abs();
         state.now.travel += travel;
@@ -97,14 +97,14 @@ impl StringAgeing {
             state.now.moving_h += duration_s / SECONDS_PER_HOUR;
         }
         let cyclic = &mut state.cyclic;
-        state.rainflow.push(after, state.now, |Counted { from, to, count }| {
+        state.rainflow.push(after, state.now, |CountedCycle { from, to, count }| {
             // Damage is that of a half cycle.
             cyclic.add(2.0 * count, &self.damage(model, &from, &to));
         });
-        state.gathered.elapsed_s += duration_s;
-        state.gathered.soc_s += 0.5 * (before + after) * duration_s;
-        state.gathered.kelvin_s += kelvin * duration_s;
-        if state.gathered.elapsed_s < BLOCK_S * (1.0 - 1e-9) {
+        state.block_sums.elapsed_s += duration_s;
+        state.block_sums.soc_s += 0.5 * (before + after) * duration_s;
+        state.block_sums.kelvin_s += kelvin * duration_s;
+        if state.block_sums.elapsed_s < BLOCK_S * (1.0 - 1e-9) {
             return false;
         }
         self.advance(model, state);
@@ -113,17 +113,18 @@ impl StringAgeing {
 
     /// Converts the sums to capacity and resistance.
     fn advance(&self, model: &Model, state: &mut AgeingState) {
-        let Gathered { elapsed_s, soc_s, kelvin_s } = std::mem::take(&mut state.gathered);
+        let BlockSums { elapsed_s, soc_s, kelvin_s } = std::mem::take(&mut state.block_sums);
         let soc = soc_s / elapsed_s;
-        let standing = Standing { soc, temperature_k: kelvin_s / elapsed_s, cell_v: self.cell_v(soc) };
+        let conditions =
+            CalendarConditions { soc, temperature_k: kelvin_s / elapsed_s, cell_v: self.cell_v(soc) };
         let days = elapsed_s / SECONDS_PER_DAY;
-        state.calendar.capacity += model.calendar.damage(&standing, days);
-        state.calendar.resistance += model.calendar_resistance.damage(&standing, days);
+        state.calendar.capacity += model.calendar.damage(&conditions, days);
+        state.calendar.resistance += model.calendar_resistance.damage(&conditions, days);
 
         let mut cyclic = state.cyclic;
         if let [complete @ .., from, to] = &state.rainflow.points[..] {
-            // The damage of a range is with the point that ends it; the first point ends none that is open.
-            let ended = complete.iter().chain(Some(from)).skip(1).map(|point| point.mark.damage);
+            // The point that ends a half cycle has its damage; the first point ends none.
+            let ended = complete.iter().chain(Some(from)).skip(1).map(|point| point.data.damage);
             for damage in ended.chain(Some(self.damage(model, from, to))) {
                 cyclic.add(1.0, &damage);
             }
@@ -143,16 +144,16 @@ impl StringAgeing {
     }
 
     /// Damage of the half cycle between two points.
-    fn damage(&self, model: &Model, from: &Point<Mark>, to: &Point<Mark>) -> Damage {
-        let travel = to.mark.travel - from.mark.travel;
+    fn damage(&self, model: &Model, from: &Point<PointData>, to: &Point<PointData>) -> Damage {
+        let travel = to.data.travel - from.data.travel;
         if travel < MIN_TRAVEL {
             return Damage::default();
         }
         let (low, high) = (from.value.min(to.value), from.value.max(to.value));
         let cycle = self.cycle(
             (low, high),
-            travel / (to.mark.moving_h - from.mark.moving_h),
-            (to.mark.kelvin_travel - from.mark.kelvin_travel) / travel,
+            travel / (to.data.moving_h - from.data.moving_h),
+            (to.data.kelvin_travel - from.data.kelvin_travel) / travel,
         );
         let half = 0.5 * cycle.depth;
         Damage {
@@ -184,7 +185,7 @@ impl StringAgeing {
     /// [degC], for a string that has lost `cyclic` so far. The knee is left out.
     pub fn cyclic_rate(&self, cyclic: f64, depth: f64, soc: f64, c_rate: f64, temperature_c: f64) -> f64 {
         self.model.map_or(0.0, |model| {
-            // A range that would leave the window is the same range inside it.
+            // A cycle that would leave the SOC window is shifted into it.
             let half = 0.5 * depth;
             // Not `clamp`, which panics for a depth that is not a number.
             let middle = soc.max(half).min((1.0 - half).max(half));
@@ -196,9 +197,12 @@ impl StringAgeing {
     /// Capacity lost per day at a SOC and temperature [degC], for a string that has lost `calendar` so far.
     pub fn calendar_rate(&self, calendar: f64, soc: f64, temperature_c: f64) -> f64 {
         self.model.map_or(0.0, |model| {
-            let standing =
-                Standing { soc, temperature_k: temperature_c + ZERO_C_IN_K, cell_v: self.cell_v(soc) };
-            model.calendar.marginal(&standing, calendar)
+            let conditions = CalendarConditions {
+                soc,
+                temperature_k: temperature_c + ZERO_C_IN_K,
+                cell_v: self.cell_v(soc),
+            };
+            model.calendar.marginal(&conditions, calendar)
         })
     }
 }

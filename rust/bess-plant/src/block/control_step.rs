@@ -1,4 +1,4 @@
-//! Blocks as plant and cooling see them: state, control steps, and the record.
+//! Interface of a block to plant and cooling: state, control steps, and the record.
 
 use std::array::from_fn;
 
@@ -14,7 +14,7 @@ use crate::record::{Limits, Record};
 
 /// Temperatures along the coolant path in a plant step, by lane [degC].
 #[derive(Debug, Clone)]
-pub(crate) struct Faces {
+pub(crate) struct CoolantTemperatures {
     pub(crate) inlet_c: Vec<f64>,
     pub(crate) outlet_c: Vec<f64>,
     /// First and last node before the step.
@@ -22,15 +22,15 @@ pub(crate) struct Faces {
     pub(crate) rear_c: Vec<f64>,
 }
 
-impl Faces {
+impl CoolantTemperatures {
     pub(crate) fn new(lanes: usize) -> Self {
         let [inlet_c, outlet_c, front_c, rear_c] = from_fn(|_| vec![0.0; lanes]);
         Self { inlet_c, outlet_c, front_c, rear_c }
     }
 }
 
-/// A plant whose strings share no coolant calls [`Self::run`]. Where they share one, cooling steps all blocks in turn:
-/// `begin`, then for each plant step the flows and `cooled_step`, then `finish`. Lanes have the numbers of the plant.
+/// A plant without a common coolant calls [`Self::run`]. With one, the cooling system advances all blocks in turn: `begin`, then
+/// in each plant step the flows and `cooled_step`, then `finish`. Lanes have the numbers of the plant.
 impl Block {
     /// Writes the state of the lanes.
     pub(crate) fn write_state(&self, out: &mut PlantState) {
@@ -66,9 +66,9 @@ impl Block {
 
     pub(crate) fn run(&mut self, schedule: &Schedule, record: &mut Record) {
         for step in 0..schedule.steps {
-            let mut begun = self.begin(schedule, step);
-            plant_steps(self, &mut begun, schedule.substeps);
-            self.finish(&begun, schedule, step, record);
+            let mut control = self.begin(schedule, step);
+            plant_steps(self, &mut control, schedule.substeps);
+            self.finish(&control, schedule, step, record);
         }
     }
 
@@ -118,22 +118,22 @@ impl Block {
         Some(self.air_path.outlet(Lanes::splat(inlet_c)).0[lane])
     }
 
-    /// One plant step with the inlets of `faces`; writes the outlets and the surface temperatures that the coolant met.
-    pub(crate) fn cooled_step(&mut self, begun: &mut ControlStep, faces: &mut Faces) {
+    /// One plant step with the inlets of `coolant`; writes the outlets and the surface temperatures that the coolant met.
+    pub(crate) fn cooled_step(&mut self, control: &mut ControlStep, coolant: &mut CoolantTemperatures) {
         let nodes = &self.air_path.temperature;
         for (lane, &id) in self.ids.iter().enumerate() {
-            begun.inlet_c.0[lane] = faces.inlet_c[id];
-            faces.front_c[id] = nodes[0].0[lane];
-            faces.rear_c[id] = nodes[nodes.len() - 1].0[lane];
+            control.inlet_c.0[lane] = coolant.inlet_c[id];
+            coolant.front_c[id] = nodes[0].0[lane];
+            coolant.rear_c[id] = nodes[nodes.len() - 1].0[lane];
         }
-        let outlet_c = self.air_path.outlet(begun.inlet_c);
-        self.ids.iter().enumerate().for_each(|(lane, &id)| faces.outlet_c[id] = outlet_c.0[lane]);
-        plant_steps(self, begun, 1);
+        let outlet_c = self.air_path.outlet(control.inlet_c);
+        self.ids.iter().enumerate().for_each(|(lane, &id)| coolant.outlet_c[id] = outlet_c.0[lane]);
+        plant_steps(self, control, 1);
     }
 
     pub(crate) fn finish(
         &mut self,
-        begun: &ControlStep,
+        control: &ControlStep,
         schedule: &Schedule,
         step: usize,
         record: &mut Record,
@@ -141,16 +141,16 @@ impl Block {
         let mean_c = self.air_path.mean_temperature();
         for (lane, &id) in self.ids.iter().enumerate() {
             let at = step * schedule.lanes + id;
-            self.report(begun, lane, schedule.substeps as f64, at, record);
+            self.report(control, lane, schedule.substeps as f64, at, record);
             record.temperature_c[at] = mean_c.0[lane];
             let sign = Direction::of(schedule.reactive_var(step, id)).sign();
-            record.reactive_var[at] = sign * begun.totals.reactive_var.0[lane] / schedule.substeps as f64;
+            record.reactive_var[at] = sign * control.totals.reactive_var.0[lane] / schedule.substeps as f64;
         }
         let duration_s = schedule.substeps as f64 * self.step_s;
-        self.age(begun.soc, begun.temperature_c, duration_s, step * schedule.lanes, record);
+        self.age(control.soc, control.temperature_c, duration_s, step * schedule.lanes, record);
     }
 
-    /// Chemical energy at a SOC less that at the one now, of one lane [J].
+    /// Decrease of the chemical energy of one lane from a SOC to the present one [J].
     pub(super) fn drawn_j(&self, lane: usize, from_soc: f64) -> f64 {
         let rest = &self.strings[lane].rest;
         let volts = rest.integral_v(from_soc) - rest.integral_v(self.soc.0[lane]);
@@ -158,10 +158,10 @@ impl Block {
     }
 
     /// Writes the flows of one lane as entry `at`: means over `n` plant steps, and the ledger.
-    fn report(&self, begun: &ControlStep, lane: usize, n: f64, at: usize, record: &mut Record) {
-        let totals = &begun.totals;
-        let drawn_j = self.drawn_j(lane, begun.soc.0[lane]);
-        let delivered_w = begun.sign.0[lane] * totals.delivered_w.0[lane];
+    fn report(&self, control: &ControlStep, lane: usize, n: f64, at: usize, record: &mut Record) {
+        let totals = &control.totals;
+        let drawn_j = self.drawn_j(lane, control.soc.0[lane]);
+        let delivered_w = control.sign.0[lane] * totals.delivered_w.0[lane];
         let standby_w =
             totals.off_steps.0[lane] * self.strings[lane].inverter.off_loss_w + totals.grid_loss_w.0[lane];
         let loss_w = totals.loss_on_w.0[lane] + standby_w;
@@ -182,12 +182,12 @@ impl Block {
         record.derating_factor[at] = totals.factor.0[lane] / n;
         record.inverter_starts[at] = totals.starts.0[lane];
         record.soc[at] = self.soc.0[lane];
-        // An inverter that is off, or has reactive power alone, takes its loss from the grid, beside the delivered power.
+        // An inverter without active power draws its loss from the grid, in addition to the delivered power.
         let ac_w = standby_w - delivered_w;
         record.ledger_residual_j[at] =
             (ac_w - (heat_w + hysteresis_w + loss_w - shift_w)) * self.step_s + drawn_j;
         let derated = if totals.derating_loss_w.0[lane] > 0.0 { Limits::DERATING } else { Limits::NONE };
-        record.limits[at] = derated.with(begun.limits[lane]);
+        record.limits[at] = derated.with(control.limits[lane]);
         if !record.node_temperature_c.is_empty() {
             for (node, value) in self.air_path.temperature.iter().enumerate() {
                 record.node_temperature_c[at * record.nodes + node] = value.0[lane];
@@ -195,7 +195,7 @@ impl Block {
         }
     }
 
-    /// Capacity and resistance become those that ageing has left.
+    /// Updates capacity and resistance to the present state of health.
     fn follow_ageing(&mut self) {
         for lane in 0..WIDTH {
             let loss = self.aged[lane.min(self.aged.len() - 1)].loss();

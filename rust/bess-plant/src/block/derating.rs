@@ -25,7 +25,7 @@ impl Block {
         if self.law == DeratingLaw::Pi {
             let share = substeps as f64 * self.step_s / INTEGRAL_STEP_S;
             let excess_k = self.excess_k();
-            self.integral_k = (self.integral_k + excess_k * Lanes::splat(share)).at_least(Lanes::ZERO);
+            self.integral_k = (self.integral_k + excess_k * Lanes::splat(share)).max(Lanes::ZERO);
         }
     }
 
@@ -34,7 +34,7 @@ impl Block {
         self.air_path.mean_temperature() - Lanes::from_fn(|l| self.strings[l].derating.start_c)
     }
 
-    /// Share of the request that is let through, in `[0, 1]`.
+    /// Derating factor, in `[0, 1]`.
     #[inline(always)]
     pub(super) fn derating_factor(&mut self, mean_c: Lanes) -> Lanes {
         let strings = &self.strings;
@@ -43,12 +43,12 @@ impl Block {
                 self.factor_lines.at(mean_c, |l, at| Line::of(&strings[l].derating.factor, at))
             }
             DeratingLaw::Pi => {
-                let excess_k = self.excess_k().at_least(Lanes::ZERO);
+                let excess_k = self.excess_k().max(Lanes::ZERO);
                 let kp = Lanes::from_fn(|l| strings[l].derating.kp_per_k);
                 let ki = Lanes::from_fn(|l| strings[l].derating.ki_per_k_step);
                 Lanes::splat(1.0) - kp * excess_k - ki * self.integral_k
             }
         };
-        factor.at_least(Lanes::ZERO).at_most(Lanes::splat(1.0))
+        factor.max(Lanes::ZERO).min(Lanes::splat(1.0))
     }
 }

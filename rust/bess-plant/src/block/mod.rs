@@ -4,7 +4,7 @@ mod control_step;
 mod derating;
 mod step;
 
-pub(crate) use control_step::Faces;
+pub(crate) use control_step::CoolantTemperatures;
 pub use derating::DeratingLaw;
 
 use bess_tables::{Direction, InputError, Resistance, StringParameters};
@@ -71,8 +71,8 @@ pub(crate) struct Block {
     air_path: AirPath,
     measured: MeasuredResistance,
     any_measured: bool,
-    /// Whether some lane has heat that all its nodes share alike: of reaction, or of hysteresis.
-    any_even_heat: bool,
+    /// Whether a lane has uniform heat, equal in all its nodes: of reaction, or of hysteresis.
+    any_uniform_heat: bool,
     /// 1 for a lane that hysteresis warms, else 0.
     hysteresis_heat: Lanes,
     k_per_w: Lanes,
@@ -117,7 +117,7 @@ impl Block {
             air_path: AirPath::new(&coefficients, nodes),
             measured: MeasuredResistance::new(nodes, strings.iter().map(|s| &s.resistance)),
             any_measured: strings.iter().any(|s| matches!(s.resistance, Resistance::Measured { .. })),
-            any_even_heat: strings.iter().any(|s| s.entropy.is_some() || s.hysteresis_heat),
+            any_uniform_heat: strings.iter().any(|s| s.entropy.is_some() || s.hysteresis_heat),
             hysteresis_heat: each(&|s| f64::from(u8::from(s.hysteresis_heat))),
             k_per_w: Lanes::from_fn(|l| coefficients[l].k_per_w),
             soc_per_a: Lanes::ZERO,

@@ -1,26 +1,26 @@
 //! Cooling of a plant: coolant flow, coolant temperature and auxiliary power.
 //!
 //! Every string has a thermostat of its own over its mean temperature, which sets the share `s` of its full flow. The coolant
-//! marches along the packs as the air does (`thermal.rs`), so a string of one temperature gives up
+//! flows along the packs like the air (`thermal.rs`), so a string of uniform temperature gives off
 //! `Q = m cp (1 - exp(-NTU)) (T_s - T_in)`. Fan or pump take `s^3 m dp / (rho eta)` (pressure rises with the square of
-//! the flow) and warm the coolant by it. The heat goes to a source: the ambient, free cooling through a heat
+//! the flow), which heats the coolant. The heat goes to a source: the ambient, free cooling through a heat
 //! exchanger, or a chiller with `COP = min(cop_max, share T_c / (T_h - T_c))`, `T_c` and `T_h` one approach below the
 //! supply and above the ambient.
 //!
-//! A `Kind` defines the heat sink and its conditions, the `thermostat` the flow; the `Station` steps both with the strings.
+//! A `Kind` defines the heat sink and its conditions, the `thermostat` the flow; the `CoolingSystem` steps both with the strings.
 //!
 //! Without a common loop every string is supplied at the supply temperature. With one, all strings share a fully mixed
-//! coolant (a room, or pipes and a tank) that they warm, that walls connect to the ambient, and from which the source
-//! removes the heat that holds it at the supply temperature, within its limit:
-//! `C dT/dt = sum Q + P_mover + UA (T_ambient - T) - Q_source`, explicit as the cells are.
+//! coolant (a room, or pipes and a tank). It exchanges heat with the strings, through walls with the ambient, and with the source,
+//! which keeps it at the supply temperature within its limit:
+//! `C dT/dt = sum Q + P_mover + UA (T_ambient - T) - Q_source`, in explicit steps like the cells.
 
 mod kinds;
-mod station;
+mod system;
 mod thermostat;
 
 pub use kinds::{Kind, KINDS};
-pub use station::CoolingState;
-pub(crate) use station::Station;
+pub use system::CoolingState;
+pub(crate) use system::CoolingSystem;
 
 use bess_tables::units::ZERO_C_IN_K;
 use bess_tables::{Cooling, InputError, SpatialThermal};
@@ -59,7 +59,7 @@ mod tests {
     use crate::tests::common;
 
     #[test]
-    fn a_chiller_reaches_its_share_of_carnot_and_no_more_than_its_cap() {
+    fn the_cop_of_a_chiller_is_its_share_of_carnot_up_to_the_maximum() {
         let cooling = common::cooling("liquid");
         // Evaporator at 20, condenser at 40 degC.
         assert!((cop(&cooling, 25.0, 35.0) - (0.4 * 293.15 / 20.0_f64).min(6.0)).abs() < 1e-12);

@@ -10,7 +10,7 @@ pub(super) fn max_stages(cooling: &Cooling) -> usize {
     }
 }
 
-/// Stages of flow that are on, from those that were: stage `i` begins at `start + i step` and ends a dead band below.
+/// Stages of flow that are on, from their previous number: stage `i` starts at `start + i step` and stops a dead band below.
 pub(super) fn stages(cooling: &Cooling, before: u8, mean_c: f64) -> u8 {
     let most = max_stages(cooling) as u8;
     let Some(start_c) = cooling.start_c else { return most };
@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn a_variable_flow_rises_linearly_from_its_least_to_full() {
+    fn a_variable_flow_rises_linearly_from_minimum_to_full() {
         let mut cooling = common::cooling("liquid");
         (cooling.start_c, cooling.dead_band_k, cooling.step_k) = (Some(30.0), 5.0, 5.0);
         (cooling.flow_steps, cooling.variable_flow) = (vec![0.2], true);

@@ -10,7 +10,7 @@ use bess_tables::{InputError, StringParameters, System};
 
 use crate::block::{Block, DeratingLaw};
 use crate::check::check_range;
-use crate::cooling::{kind, with_coolant, Station};
+use crate::cooling::{kind, with_coolant, CoolingSystem};
 use crate::lanes::WIDTH;
 use crate::record::Record;
 use crate::thermal::Coefficients;
@@ -22,18 +22,18 @@ const STEP_S: (f64, f64) = (1e-3, 86_400.0);
 
 /// Strings in one or more independent scenarios, simulated in parallel.
 ///
-/// A lane's results depend on nothing but itself.
+/// The results of a lane do not depend on other lanes.
 #[derive(Debug)]
 pub struct Plant {
     strings: Vec<StringParameters>,
     scenarios: usize,
     step_s: f64,
     blocks: Vec<Block>,
-    station: Option<Station>,
+    cooling_system: Option<CoolingSystem>,
 }
 
 impl Plant {
-    /// A plant in `state`, or an error if the plant step [s] is not stable for every string, or the state is not one.
+    /// A plant in `state` with plant steps of `step_s` [s].
     ///
     /// # Errors
     ///
@@ -77,11 +77,11 @@ impl Plant {
             .flat_map(|equal| equal.chunks(WIDTH))
             .map(|members| Block::new(members, law, step_s))
             .collect::<Result<_, _>>()?;
-        let station = match &system.cooling {
-            Some(cooling) => Some(Station::new(cooling, &strings, scenarios, step_s)?),
+        let cooling_system = match &system.cooling {
+            Some(cooling) => Some(CoolingSystem::new(cooling, &strings, scenarios, step_s)?),
             None => None,
         };
-        let mut plant = Self { strings, scenarios, step_s, blocks, station };
+        let mut plant = Self { strings, scenarios, step_s, blocks, cooling_system };
         plant.set_state(state)?;
         Ok(plant)
     }
@@ -91,7 +91,7 @@ impl Plant {
         self.scenarios * self.strings.len()
     }
 
-    /// Most thermal nodes of any string.
+    /// Maximum number of thermal nodes of a string.
     fn max_nodes(&self) -> usize {
         self.strings.iter().map(|s| s.spatial.nodes).max().unwrap_or(0)
     }
@@ -118,8 +118,8 @@ impl Plant {
         let schedule = self.schedule(request_w, reactive_var, ambient_c, duration_s)?;
         let shape = (self.scenarios, schedule.lanes);
         let mut record = Record::new(schedule.steps, shape, self.max_nodes(), keep_nodes);
-        match &mut self.station {
-            Some(station) => station.run(&mut self.blocks, &schedule, &mut record),
+        match &mut self.cooling_system {
+            Some(cooling_system) => cooling_system.run(&mut self.blocks, &schedule, &mut record),
             None => self.blocks.iter_mut().for_each(|block| block.run(&schedule, &mut record)),
         }
         Ok(record)

@@ -22,7 +22,7 @@ pub(crate) struct Schedule<'a> {
     pub(crate) strings: usize,
     pub(crate) request_w: &'a [f64],
     pub(crate) ambient_c: &'a [f64],
-    /// Where reactive power is asked.
+    /// None without reactive power.
     pub(crate) reactive_var: Option<&'a [f64]>,
 }
 

@@ -11,7 +11,7 @@ use crate::cooling::CoolingState;
 const SOH_CAPACITY: (f64, f64) = (0.01, 1.5);
 const SOH_RESISTANCE: (f64, f64) = (0.1, 100.0);
 
-/// State of a plant, complete: a plant that is given it continues bit by bit.
+/// Complete state of a plant: a plant restored from it continues bit by bit.
 ///
 /// Lanes are `scenario * n_strings + string`.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,7 +92,7 @@ impl Plant {
             derating_integral_k: vec![0.0; lanes],
             inverter_on: vec![false; lanes],
             ageing: vec![AgeingState::default(); lanes],
-            cooling: self.station.as_ref().map(|station| station.state.clone()),
+            cooling: self.cooling_system.as_ref().map(|cooling_system| cooling_system.state.clone()),
         };
         self.blocks.iter().for_each(|block| block.write_state(&mut out));
         out
@@ -106,8 +106,8 @@ impl Plant {
     pub fn set_state(&mut self, state: &PlantState) -> Result<(), InputError> {
         self.check_lanes(state)?;
         let cooling = self.cooling_state(state)?;
-        if let (Some(station), Some(cooling)) = (&mut self.station, cooling) {
-            station.state = cooling;
+        if let (Some(cooling_system), Some(cooling)) = (&mut self.cooling_system, cooling) {
+            cooling_system.state = cooling;
         }
         self.blocks.iter_mut().for_each(|block| block.set_state(state));
         Ok(())
@@ -116,7 +116,7 @@ impl Plant {
     /// Initial state of the cooling: nothing runs, and the loop has the temperature of its strings.
     fn cooling_state(&self, state: &PlantState) -> Result<Option<CoolingState>, InputError> {
         let lanes = self.lanes();
-        let Some(station) = &self.station else { return Ok(None) };
+        let Some(cooling_system) = &self.cooling_system else { return Ok(None) };
         let Some(cooling) = &state.cooling else {
             let strings = self.strings.len();
             let mean_c = |id: usize| {
@@ -135,7 +135,7 @@ impl Plant {
         check_all("chilling", &cooling.chilling, self.scenarios)?;
         check_all("loop temperature", &cooling.loop_c, self.scenarios)?;
         for &stages in &cooling.stages {
-            let most = station.max_stages() as f64;
+            let most = cooling_system.max_stages() as f64;
             check_range("cooling stages", f64::from(stages), "", (0.0, most), String::new)?;
         }
         for &value in &cooling.loop_c {

@@ -1,7 +1,7 @@
 //! Claims about strings that age, beside the laws themselves.
 
 use crate::ageing::models::MODELS;
-use crate::ageing::{AgeingState, Standing, StringAgeing};
+use crate::ageing::{AgeingState, CalendarConditions, StringAgeing};
 use crate::tests::common;
 use crate::{DeratingLaw, Plant, PlantState, Record};
 use proptest::prelude::*;
@@ -23,7 +23,7 @@ fn run(plant: &mut Plant, request_w: &[f64], duration_s: f64) -> Record {
 }
 
 #[test]
-fn every_model_ages_a_string_and_charge_is_only_lost_where_it_says_so() {
+fn every_model_ages_a_string_and_reports_all_lost_charge() {
     for model in MODELS {
         let request_w = requests_w(2);
         let record = run(&mut plant(Some(model.name), None), &request_w, 900.0);
@@ -43,16 +43,16 @@ fn every_model_ages_a_string_and_charge_is_only_lost_where_it_says_so() {
             before = now;
         }
         assert!(before[0] < 1.0 && before[2] > 1e-5 && before[3] > 1e-5, "{}: {before:?}", model.name);
-        let warm = Standing { soc: 0.5, temperature_k: 308.15, cell_v: 3.7 };
+        let warm = CalendarConditions { soc: 0.5, temperature_k: 308.15, cell_v: 3.7 };
         assert_eq!(before[1] > 1.0, (model.calendar_resistance.rate)(&warm) > 0.0, "{}", model.name);
     }
 }
 
 #[test]
-fn a_plant_that_is_given_its_state_continues_bit_by_bit_also_through_numbers() {
+fn a_restored_plant_continues_bit_by_bit() {
     for model in MODELS.iter().map(|model| Some(model.name)).chain([None]) {
         let request_w = requests_w(2);
-        // Steps of a minute: the state holds what has gathered of a block, and reversals within it.
+        // Steps of a minute: the state includes the sums of an unfinished block, and reversals within it.
         let whole = run(&mut plant(model, None), &request_w, 60.0);
         for cut in [1, 7, 190] {
             let mut first = plant(model, None);
@@ -73,7 +73,7 @@ fn a_plant_that_is_given_its_state_continues_bit_by_bit_also_through_numbers() {
 }
 
 #[test]
-fn a_string_without_a_model_keeps_the_health_that_it_starts_with() {
+fn a_string_without_ageing_model_keeps_its_initial_health() {
     let system = common::ageing(2, None);
     let mut state = common::uniform_state(&system, 1, 0.5, 30.0);
     state.ageing = bess_plant::starting_ageing(&system, &[0.8, 1.0], &[1.5, 1.0]).unwrap();
@@ -89,7 +89,7 @@ fn a_string_without_a_model_keeps_the_health_that_it_starts_with() {
 }
 
 #[test]
-fn a_run_that_starts_aged_goes_on_from_its_losses() {
+fn a_run_with_initial_ageing_continues_from_its_losses() {
     for model in MODELS {
         let ageing = StringAgeing::new(&common::ageing(1, Some(model.name)).strings[0]).unwrap();
         let state = ageing.starting(0.9, 1.2);
@@ -101,7 +101,7 @@ fn a_run_that_starts_aged_goes_on_from_its_losses() {
         let last = record.soc.len() - 2;
         assert!(record.soh_capacity[0] <= 0.9 && record.soh_capacity[0] > 0.8999);
         assert!((record.soh_resistance[0] - 1.2).abs() < 1e-3);
-        // Fit laws with an exponent below 1 slow down with what is lost.
+        // Power laws with an exponent below 1 slow down with growing loss.
         let lost = [0.9 - record.soh_capacity[last], 1.0 - record.soh_capacity[last + 1]];
         assert!(lost[0] < lost[1], "{}: {lost:?}", model.name);
     }
@@ -121,7 +121,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
 
     #[test]
-    fn losses_do_not_depend_on_what_runs_beside_a_string(scale in 0.2..1.8f64) {
+    fn ageing_does_not_depend_on_other_strings(scale in 0.2..1.8f64) {
         for model in MODELS {
             let request_w: Vec<f64> =
                 requests_w(2).iter().enumerate().map(|(i, w)| if i % 2 == 0 { w * scale.min(1.3) } else { w * 0.5 }).collect();

@@ -58,7 +58,7 @@ proptest! {
             prop_assert!((delivered_w.abs() + shed_w + derated_w - asked_w.abs()).abs() < 1e-7);
             prop_assert!(delivered_w.hypot(carried_var) <= 92e3 * (1.0 + 1e-12));
             prop_assert!(carried_var * asked_var >= 0.0 && carried_var.abs() <= asked_var.abs() * (1.0 + 1e-12));
-            // All of it, where what was asked for leaves room for it.
+            // In full, if the active request leaves enough apparent power.
             if asked_w.hypot(asked_var) <= 92e3 {
                 prop_assert!((carried_var - asked_var).abs() <= 1e-6);
             }
@@ -72,7 +72,7 @@ proptest! {
     fn nothing_is_shed_silently_and_the_ledger_closes(
         soc in prop::collection::vec(0.0..=1.0, 5),
         temperature_c in prop::collection::vec(-10.0..62.0, 5),
-        // Some below the least power of an inverter, which stays off.
+        // Some are below the minimum power of an inverter, which stays off.
         request in prop::collection::vec(prop_oneof![9 => -92e3..=92e3, 1 => -2.0..=2.0], 15),
     ) {
         let system = common::reference(5);
@@ -90,7 +90,7 @@ proptest! {
     }
 
     #[test]
-    fn a_string_does_not_feel_how_many_run_beside_it(
+    fn results_of_a_string_do_not_depend_on_the_number_of_strings(
         soc in prop::collection::vec(0.0..=1.0, 11),
         temperature_c in prop::collection::vec(10.0..60.0, 11),
         request in prop::collection::vec(-92e3..=92e3, 22),
@@ -106,7 +106,7 @@ proptest! {
     }
 
     #[test]
-    fn scenarios_are_plants_of_their_own(request in prop::collection::vec(-92e3..=92e3, 12)) {
+    fn scenarios_are_independent(request in prop::collection::vec(-92e3..=92e3, 12)) {
         let system = common::reference(2);
         let fleet = run(&system, &common::uniform_state(&system, 3, 0.5, 40.0), &request, None);
         for scenario in 0..3 {
@@ -186,13 +186,13 @@ fn losses_follow_apparent_power_and_the_battery_covers_those_of_active_power() {
 }
 
 #[test]
-fn an_empty_and_a_full_string_carry_reactive_power_at_the_cost_of_the_grid() {
+fn empty_and_full_strings_supply_reactive_power_with_losses_from_the_grid() {
     let system = common::reference(2);
     let state = spread_state(&system, &[0.0, 1.0], &[25.0, 25.0]);
     let record = run(&system, &state, &[50e3, -50e3], Some(&[30e3, 30e3]));
     assert_eq!(record.reactive_var, [30e3, 30e3]);
     assert_eq!(record.soc, state.soc);
-    // The empty one delivers nothing; the full one takes what its inverter loses, and nothing more.
+    // The empty string delivers nothing; the full string only takes its inverter loss.
     let loss_w = &record.inverter_loss_w;
     assert!(loss_w[0] > 1e3 && loss_w[1] > 1e3);
     assert_eq!((record.delivered_w[0], record.standby_w[0]), (0.0, loss_w[0]));

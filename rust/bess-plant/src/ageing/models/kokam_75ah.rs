@@ -4,7 +4,7 @@
 //! cycles that are quoted for large NMC111 cells.
 
 use super::schmalstieg;
-use crate::ageing::law::{Cycle, Knee, Law, Model, Standing};
+use crate::ageing::law::{CalendarConditions, Cycle, Knee, Law, Model};
 
 const CYCLING_SHARE: f64 = 0.29;
 
@@ -21,7 +21,7 @@ pub(super) const MODEL: Model = Model {
     knee: Some(Knee { rate: site_exposure, capacity: capacity_of_sites }),
 };
 
-fn calendar(s: &Standing) -> f64 {
+fn calendar(s: &CalendarConditions) -> f64 {
     let (t, u) = super::normed(s.temperature_k, s.soc);
     2.66e7 * ((-17.8 - 5.21 * u) / t).exp()
 }

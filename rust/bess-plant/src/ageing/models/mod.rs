@@ -18,9 +18,9 @@ pub(crate) fn model(name: &str) -> Result<&'static Model, InputError> {
     named("ageing model", name, &MODELS.map(|model| model.name)).map(|at| MODELS[at])
 }
 
-/// Temperature to which the potentials and temperatures of two models are normed [K].
+/// Reference temperature of two models [K].
 const NORM_K: f64 = 308.15;
-/// Anode potential to which they are normed [V].
+/// Reference anode potential of these models [V].
 const NORM_V: f64 = 0.123;
 
 /// `T / 308.15 K` and `U_a / 0.123 V`.

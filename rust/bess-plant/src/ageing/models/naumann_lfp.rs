@@ -3,7 +3,7 @@
 
 use bess_tables::units::SECONDS_PER_DAY;
 
-use crate::ageing::law::{Cycle, Law, Model, Standing};
+use crate::ageing::law::{CalendarConditions, Cycle, Law, Model};
 
 /// [J/(mol K)], with the digits that the fit was made with.
 const GAS_CONSTANT: f64 = 8.3144598;
@@ -24,13 +24,13 @@ fn arrhenius(energy_j_mol: f64, temperature_k: f64) -> f64 {
     (-energy_j_mol / GAS_CONSTANT * (1.0 / temperature_k - 1.0 / REFERENCE_K)).exp()
 }
 
-fn calendar(s: &Standing) -> f64 {
+fn calendar(s: &CalendarConditions) -> f64 {
     let offset = s.soc - 0.5;
     let of_soc = 2.8575 * offset * offset * offset + 0.60225;
     1.2571e-5 * arrhenius(17_126.0, s.temperature_k) * of_soc * SECONDS_PER_DAY.sqrt()
 }
 
-fn calendar_resistance(s: &Standing) -> f64 {
+fn calendar_resistance(s: &CalendarConditions) -> f64 {
     let offset = s.soc - 0.5;
     let of_soc = -3.3903 * offset * offset + 1.5604;
     3.4194e-10 * arrhenius(71_827.0, s.temperature_k) * of_soc * SECONDS_PER_DAY
@@ -75,7 +75,7 @@ mod tests {
         let mut damage = [0.0; 4];
         for i in (0..2000).map(f64::from) {
             let temperature_k = 5.0 + (i * 7.3) % 50.0 + 273.15;
-            let standing = Standing { soc: (i * 0.37) % 1.0, temperature_k, cell_v: f64::NAN };
+            let standing = CalendarConditions { soc: (i * 0.37) % 1.0, temperature_k, cell_v: f64::NAN };
             let depth = (i * 0.61) % 1.0;
             let cycle = Cycle { depth, soc: 0.5, c_rate: (i * 0.29) % 1.0, temperature_k, cell_v: f64::NAN };
             damage[0] += MODEL.calendar.damage(&standing, 1.0);

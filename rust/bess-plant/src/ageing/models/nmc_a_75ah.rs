@@ -1,7 +1,7 @@
 //! NMC 75 Ah "A": BLAST-Lite `nmc_gr_75Ah_A_2019` (doi 10.1016/j.est.2023.109042). Its exponent of cycling is near
-//! 1, so its price hardly depends on the past. No resistance was published.
+//! 1, so its marginal wear hardly depends on past ageing. No resistance increase was published.
 
-use crate::ageing::law::{Cycle, Law, Model, Standing};
+use crate::ageing::law::{CalendarConditions, Cycle, Law, Model};
 
 /// The fit changes its sign below this depth.
 const SHALLOWEST: f64 = 0.2;
@@ -16,7 +16,7 @@ pub(super) const MODEL: Model = Model {
     knee: None,
 };
 
-fn calendar(s: &Standing) -> f64 {
+fn calendar(s: &CalendarConditions) -> f64 {
     let (t, u) = super::normed(s.temperature_k, s.soc);
     // (t / 1000)^0.578, in days.
     8.71e-7 * (10.0 * t * t * t / u.cbrt()).exp() * 1e3f64.powf(-0.578)

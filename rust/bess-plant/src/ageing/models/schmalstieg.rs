@@ -2,7 +2,7 @@
 //! 2.15 Ah. Cycling was measured at 35 degC and 1C only and depends on neither. Voltages are those of the string's
 //! own open-circuit table.
 
-use crate::ageing::law::{Cycle, Law, Model, Standing};
+use crate::ageing::law::{CalendarConditions, Cycle, Law, Model};
 
 /// Charge [Ah] that one equivalent full cycle moves through a cell of 2.15 Ah.
 const AH_PER_CYCLE: f64 = 2.0 * 2.15;
@@ -18,11 +18,11 @@ pub(super) const MODEL: Model = Model {
     knee: None,
 };
 
-fn calendar(s: &Standing) -> f64 {
+fn calendar(s: &CalendarConditions) -> f64 {
     (7.543 * s.cell_v - 23.75) * 1e6 * (-6976.0 / s.temperature_k).exp()
 }
 
-fn calendar_resistance(s: &Standing) -> f64 {
+fn calendar_resistance(s: &CalendarConditions) -> f64 {
     (5.270 * s.cell_v - 16.32) * 1e5 * (-5986.0 / s.temperature_k).exp()
 }
 

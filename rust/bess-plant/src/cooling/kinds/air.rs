@@ -1,4 +1,4 @@
-//! Forced air: of the ambient, or of a room that is held at a temperature.
+//! Forced air from the ambient or from a temperature-controlled room.
 
 use bess_tables::Cooling;
 

@@ -1,4 +1,4 @@
-//! Cold plates whose liquid goes through a dry cooler, and through a chiller only while the warmest string is too warm.
+//! Cold plates: a liquid cooled by a dry cooler, and by a chiller while the warmest string is too warm.
 
 use bess_tables::Cooling;
 
