@@ -1,4 +1,4 @@
-//! What one call of the power split costs in the control model, at (strings, steps).
+//! Time of one call of the power split by (strings, steps).
 
 use bess_control::{ControlHorizon, Effort, Losses, StateBox};
 use criterion::{criterion_group, criterion_main, BenchmarkId, Criterion, Throughput};

@@ -50,7 +50,7 @@ def plan(
     end_charge: float,
     previous_kw: _Array | None,
     rollouts: int,
-    fresh_rollouts: int,
+    restart_rollouts: int,
     price_passes: int,
     proof_cells: int | None,
     turn: int,
@@ -128,7 +128,7 @@ class BestShares:
 
 @final
 class TrackedArrays:
-    asked_kw: _Array
+    allocated_kw: _Array
     delivered_kw: _Array
     request_kw: _Array
     soc: _Array
@@ -241,7 +241,7 @@ class ControlHorizon:
     def n_kinds(self) -> int: ...
     def priced_bound(self, ceilings: _Array, objective: float, sample: int) -> float: ...
     def root(self, boxes: StateBoxes) -> Node: ...
-    def narrowed(self, node: Node, shed_budget_kw: float) -> Node | None: ...
+    def tighten_node(self, node: Node, shed_budget_kw: float) -> Node | None: ...
     def step_bounds_of(self, node: Node, costs: _Array, budget_kw: _Array) -> StepBounds: ...
     def relaxed(self, node: Node, near: StateBoxes, frozen: bool, units_kw: _Array) -> dict[str, _Array]: ...
     def flows_from(self, states: StateBoxes, request_kw: _Array) -> FlowArrays: ...

@@ -122,7 +122,7 @@ def test_a_plan_with_losses_equals_exhaustive_search_within_its_grid(price):
 
 
 @pytest.mark.exhaustive
-def test_energy_is_not_burnt_where_prices_are_negative():
+def test_energy_is_not_dissipated_at_negative_prices():
     """Full, and paid for consuming: doing both at once would earn most, but no plant can."""
     price = np.full(8, -100.0)
     plan = planner(price, efficiency=0.5, cycles_per_day=100.0).plan(0, ENERGY_KWH)
@@ -156,7 +156,7 @@ def test_a_plant_outside_its_window_is_planned_back_or_left(energy):
     assert path.max() <= max(ENERGY_KWH, energy) + 1e-6
 
 
-def test_a_spread_below_the_losses_is_left_alone_and_one_above_is_taken():
+def test_only_price_spreads_above_the_losses_are_traded():
     assert np.abs(planner(np.array([85.0, 100.0])).plan(0, 0.0)).max() < 1e-6
     np.testing.assert_allclose(planner(np.array([75.0, 100.0])).plan(0, 0.0), [-100.0, 81.0], atol=1e-6)
 

@@ -67,7 +67,7 @@ def test_flat_prices_are_no_reason_to_cycle() -> None:
 
 
 @pytest.mark.parametrize("model", ["throughput", "nmc-a-75ah"])
-def test_the_dearer_wear_is_the_less_is_cycled(model: str) -> None:
+def test_higher_wear_cost_means_fewer_cycles(model: str) -> None:
     """Of what is charged: the last discharge leaves the less, the less a kWh left is worth."""
     charged = []
     for price in (0.0, 30.0, 90.0):
@@ -98,7 +98,9 @@ def test_at_negative_prices_the_plan_ends_full_and_earns_at_least_what_charging_
 
 
 @pytest.mark.parametrize(("wear_eur_mwh", "fee_eur_mwh"), [(31.0, 0.0), (0.0, 35.0)])
-def test_a_cycle_pays_whose_discharge_alone_does_not(wear_eur_mwh: float, fee_eur_mwh: float) -> None:
+def test_a_cycle_can_pay_although_its_discharge_alone_does_not(
+    wear_eur_mwh: float, fee_eur_mwh: float
+) -> None:
     """Charging earns 60 EUR/MWh at noon; discharging costs 1 or 5, with wear or the fee."""
     hour = np.arange(96) // 4
     price = np.where((hour >= 10) & (hour < 15), -60.0, 30.0)
@@ -179,7 +181,7 @@ def test_a_plant_that_is_too_hot_is_left_to_cool() -> None:
     assert missing.sum() <= 0.05 * np.abs(plan.demand_kw).sum()
 
 
-def test_the_last_plan_of_a_run_leaves_nothing_in_store() -> None:
+def test_the_last_plan_of_a_run_empties_the_store() -> None:
     system, state = bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0])
     last, other = (
         DynamicProgramDispatch(system, 0.25, SettlementTerms()).plan(
@@ -335,7 +337,7 @@ def test_cycles_of_a_plan_are_the_mean_of_what_is_charged_and_discharged(plan: s
     assert 190.0 < np.abs(demand_kw).sum() * 0.25 / 2.0 < 200.1
 
 
-def test_what_is_left_at_the_end_is_worth_what_is_said() -> None:
+def test_the_remaining_energy_has_the_given_value() -> None:
     system, state = bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0])
     inputs = DispatchInputs(np.full(48, 50.0), np.full(48, 25.0), np.zeros(48, dtype=np.int64))
     left = [

@@ -169,7 +169,7 @@ def test_a_price_is_known_to_its_end() -> None:
         (np.full((3, 5), np.nan), "at step 0 .* must be finite"),
     ],
 )
-def test_bands_that_are_none_are_refused(foretold: np.ndarray, match: str) -> None:
+def test_invalid_bands_are_refused(foretold: np.ndarray, match: str) -> None:
     with pytest.raises(bess.InputError, match=match):
         BandForecast(np.ones(5), forecast=foretold)
 

@@ -38,7 +38,7 @@ def test_persistence_never_looks_ahead(step, horizon, dt_h):
     assert expected.size == min(horizon, SERIES.size - step)
 
 
-def test_the_seam_takes_any_object_that_looks_ahead():
+def test_any_object_with_the_forecast_protocol_is_accepted():
     class Flat:
         def ahead(self, step: int, horizon: int) -> np.ndarray:
             return np.zeros(horizon)

@@ -28,15 +28,15 @@ def rolled_out(seed: int) -> tuple[bess.System, Aggregate, bess.State, np.ndarra
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_no_more_is_asked_than_was_demanded_and_little_that_is_not_delivered(seed: int) -> None:
+def test_allocated_power_never_exceeds_the_demand_and_is_nearly_delivered(seed: int) -> None:
     _, plant, _, demand_kw, rolled = rolled_out(seed)
     slack_kw = 1e-6 * plant.power_kw
-    assert np.all(rolled.asked_kw * demand_kw >= 0.0)
-    assert np.all(np.abs(rolled.asked_kw) <= np.abs(demand_kw) + slack_kw)
-    assert np.all(np.abs(rolled.delivered_kw) <= np.abs(rolled.asked_kw) + slack_kw)
+    assert np.all(rolled.allocated_kw * demand_kw >= 0.0)
+    assert np.all(np.abs(rolled.allocated_kw) <= np.abs(demand_kw) + slack_kw)
+    assert np.all(np.abs(rolled.delivered_kw) <= np.abs(rolled.allocated_kw) + slack_kw)
     cool = rolled.temperature_c[:, 1:].max(axis=0) < 40.0  # below the start of derating
     within = np.abs(demand_kw) <= plant.power_kw
-    missing_kw = np.abs(rolled.asked_kw) - np.abs(rolled.delivered_kw)
+    missing_kw = np.abs(rolled.allocated_kw) - np.abs(rolled.delivered_kw)
     assert np.all(missing_kw[cool & within] <= 0.02 * plant.power_kw)
 
 
@@ -55,7 +55,7 @@ def test_what_is_delivered_is_what_the_requests_give_when_they_are_rolled_out_al
     np.testing.assert_allclose(rolled.delivered_kw, delivered_kw, atol=1e-9)
 
 
-def test_what_an_empty_string_cannot_give_the_full_one_does() -> None:
+def test_undeliverable_power_of_an_empty_string_moves_to_the_full_one() -> None:
     system = bess.System.reference(2)
     plant = Aggregate(system, DT_H, system.initial_state(), system.nominal_kw)
     demand_kw = np.full(2, 0.8 * system.nominal_kw[0])
@@ -64,12 +64,12 @@ def test_what_an_empty_string_cannot_give_the_full_one_does() -> None:
     assert rolled.soc[0, -1] == 0.0 and rolled.soc[1, -1] < 0.9
 
 
-def test_what_no_string_can_take_is_not_asked_for() -> None:
+def test_power_that_no_string_can_take_is_not_allocated() -> None:
     system = bess.System.reference(2)
     plant = Aggregate(system, DT_H, system.initial_state(), system.nominal_kw)
     rolled = plant.track_demand(bess.State([1.0, 1.0], [25.0, 25.0]), np.full(4, -100.0), np.full(4, 25.0))
     # Inverters that are on take their own no-load losses.
     no_load_kw = sum(s.inverter.loss_charge[0] * s.inverter.nominal_kw for s in system.strings)
-    np.testing.assert_allclose(rolled.asked_kw, rolled.delivered_kw, atol=1e-6)
-    assert np.abs(rolled.asked_kw).max() < 1.1 * no_load_kw
+    np.testing.assert_allclose(rolled.allocated_kw, rolled.delivered_kw, atol=1e-6)
+    assert np.abs(rolled.allocated_kw).max() < 1.1 * no_load_kw
     assert np.all(rolled.soc == 1.0)

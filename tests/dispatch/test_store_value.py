@@ -84,7 +84,7 @@ def test_the_step_is_that_of_the_times() -> None:
         ({"prices": pd.Series([1.0] * 3, index=pd.to_datetime([0, 24, 72], unit="h"))}, "24 to 48 h apart"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_valued_is_refused(arguments: dict[str, object], match: str) -> None:
+def test_invalid_arguments_of_store_value_are_refused(arguments: dict[str, object], match: str) -> None:
     with pytest.raises(bess.InputError, match=match):
         bess.store_value(**({"prices": PRICES} | arguments))
 

@@ -97,7 +97,7 @@ PLAN: dict[str, Any] = {
 PRICES: dict[str, Any] = {"start_cost": 0.1, "balance": 0.01, "end_charge": -0.01}
 EFFORT: dict[str, Any] = {
     "rollouts": 20,
-    "fresh_rollouts": 20,
+    "restart_rollouts": 20,
     "price_passes": 2,
     "proof_cells": 20,
     "turn": 0,
@@ -346,16 +346,16 @@ def test_what_does_not_fit_together_is_refused() -> None:
         *[np.ones((2, N + 1, 4))] * 2, *[np.full(2, 1e-6)] * 2,
     )  # fmt: skip
     nodes = [each.root(each.reachable()) for each in (small, large)]
-    narrow = [each.narrowed(node, 1e9) for each, node in zip((small, large), nodes, strict=True)]
+    narrow = [each.tighten_node(node, 1e9) for each, node in zip((small, large), nodes, strict=True)]
     assert narrow[0] is not None
     calls: dict[str, Callable[[], Any]] = {
         "demand: needs": lambda: _core.ControlHorizon(
             MODEL, SOC, TEMPERATURE, np.zeros(0), np.zeros(0), 0.25, np.zeros((N, 0)),
             COSTS, COSTS, np.full(2, 1e-6), np.full(2, 1e-4),
         ),
-        "node: needs": lambda: small.narrowed(nodes[1], 1e9),
+        "node: needs": lambda: small.tighten_node(nodes[1], 1e9),
         "node": lambda: large.step_bounds_of(narrow[0], np.ones((N + 1, 4)), np.zeros(STEPS + 1)),
-        "shed_budget_kw": lambda: small.narrowed(nodes[0], np.nan),
+        "shed_budget_kw": lambda: small.tighten_node(nodes[0], np.nan),
         "ceilings and objective": lambda: small.priced_bound(np.zeros(0), np.nan, 8),
         "parts": lambda: MODEL.track_demand(
             SOC, TEMPERATURE, DEMAND, AMBIENT, 0.25, 0, _core.BestShares(SHARES, SHARES, LIMIT[:, 0])

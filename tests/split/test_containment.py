@@ -172,9 +172,9 @@ def random_part(
         m, t = (int(rng.integers(n)) for n in magnitude.shape)
         kind = rng.random()
         if kind < 0.2:
-            narrowed = schedules.case.horizon.narrowed(node, np.inf)
-            assert narrowed is not None
-            node = narrowed.branch_on_full(m, t)[int(schedules.sheds[known, m, t])]
+            tightened = schedules.case.horizon.tighten_node(node, np.inf)
+            assert tightened is not None
+            node = tightened.branch_on_full(m, t)[int(schedules.sheds[known, m, t])]
         elif kind < 0.6:
             own, low, high = magnitude[m, t], node.request_low_kw[m, t], node.request_high_kw[m, t]
             at = float(rng.choice([own, low + rng.random() * (high - low), MIN_KW]))
@@ -187,15 +187,15 @@ def random_part(
 
 
 def check_node(schedules: Schedules, boxes: _core.StateBoxes, rng: np.random.Generator) -> None:
-    """Every schedule in a part of the problem is still in it once it is narrowed, and is a point of its
+    """Every schedule in a part of the problem is still in it once it is tightened, and is a point of its
     relaxation, at what it costs."""
     horizon = schedules.case.horizon
     known = int(rng.choice(np.flatnonzero(schedules.inside(boxes))))
     node = random_part(schedules, boxes, known, rng)
     shed_kw = schedules.roll.availability_loss_kw.sum(axis=(1, 2))
     budget_kw = float(rng.choice([np.inf, shed_kw[known]]))
-    narrowed = horizon.narrowed(node, budget_kw)
-    assert narrowed is not None
+    tightened = horizon.tighten_node(node, budget_kw)
+    assert tightened is not None
 
     def requested(of: _core.Node, slack: float = 0.0) -> NDArray[np.bool_]:
         magnitude, slack_kw = np.abs(schedules.requests), slack * schedules.case.system.nominal_kw[:, None]
@@ -205,13 +205,13 @@ def check_node(schedules: Schedules, boxes: _core.StateBoxes, rng: np.random.Gen
     sheds_where_it_may = ~np.any(schedules.sheds & ~node.may_shed, axis=(1, 2))
     inside = schedules.inside(node.boxes) & requested(node) & sheds_where_it_may & (shed_kw <= budget_kw)
     inside[known] = True
-    assert schedules.inside(narrowed.boxes)[inside].all()
-    assert requested(narrowed, ROUNDING)[inside].all()
-    check_rows(schedules, inside, narrowed, budget_kw)
+    assert schedules.inside(tightened.boxes)[inside].all()
+    assert requested(tightened, ROUNDING)[inside].all()
+    check_rows(schedules, inside, tightened, budget_kw)
 
 
 def check_rows(schedules: Schedules, inside: NDArray[np.bool_], node: _core.Node, budget_kw: float) -> None:
-    """Every schedule inside a narrowed node is a point of its program."""
+    """Every schedule inside a tightened node is a point of its program."""
     problem, case = schedules.problem, schedules.case
     objectives = case.horizon.evaluate(schedules.requests)[inside]
     near = points(schedules.soc[inside][0], schedules.temperature_c[inside][0])
@@ -277,12 +277,12 @@ def check(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [*range(150), 1133])
-def test_what_a_schedule_does_lies_in_every_box_cut_and_row_of_a_bound(seed):
+def test_every_schedule_satisfies_every_box_cut_and_row_of_a_bound(seed):
     check(seed)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("first", range(1000, 21_000, 1000))
-def test_what_a_schedule_does_lies_in_every_bound_of_twenty_thousand_problems(first):
+def test_every_schedule_satisfies_the_bounds_of_twenty_thousand_problems(first):
     for seed in range(first, first + 1000):
         check(seed)

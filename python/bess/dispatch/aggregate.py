@@ -34,7 +34,7 @@ _SUBSTEP_H: Final = 1.0 / 12.0
 """Step of the roll-out [h], with the coefficients of its middle."""
 
 _TAPERED_SUBSTEP_H: Final = 1.0 / 60.0
-"""The same for cells with a voltage limit, which cuts a constant power as the voltage rises."""
+"""Like :data:`_SUBSTEP_H`, for cells with a voltage limit, which reduces a constant power over time."""
 
 
 class StringEnergy:
@@ -182,9 +182,9 @@ class Aggregate:
         Returns
         -------
         _core.TrackedArrays
-            ``asked_kw`` (the demand without this rest) and ``delivered_kw`` of each step, signed; set-points
-            ``request_kw``, ``(n_strings, n_steps)``; ``soc`` and ``temperature_c`` at the start and at the
-            end of each step, ``(n_strings, n_steps + 1)``. Powers are means over the steps.
+            ``allocated_kw`` (the demand without this rest) and ``delivered_kw`` of each step, signed;
+            set-points ``request_kw``, ``(n_strings, n_steps)``; ``soc`` and ``temperature_c`` at the start
+            and at the end of each step, ``(n_strings, n_steps + 1)``. Powers are means over the steps.
         """
         return self._model.track_demand(
             state.soc, state.temperature_c, demand_kw, ambient_c, self.dt_h, self._parts, self._shares

@@ -186,8 +186,8 @@ class DynamicProgramDispatch:
         """
         limit = self._system.nominal_kw if limit_kw is None else limit_kw
         if not limit.any():
-            nothing = np.zeros(inputs.price_eur_mwh.size)
-            return DispatchPlan(nothing, nothing, 0.0, nothing, nothing + state.temperature_c.mean())
+            zeros = np.zeros(inputs.price_eur_mwh.size)
+            return DispatchPlan(zeros, zeros, 0.0, zeros, zeros + state.temperature_c.mean())
         plant = self._aggregate(state, limit)
         if self._depths is None or self._wear.depend_on_state:
             self._depths = CycleDepthCost.of(plant, self._wear.at(state))
@@ -222,7 +222,7 @@ class DynamicProgramDispatch:
             end_eur_kwh = self._end_price_eur_mwh / KWH_PER_MWH
         else:
             wear_eur = depths.marginal_eur_kwh.mean()
-            end_eur_kwh = _value_of_store(
+            end_eur_kwh = _terminal_value_eur_kwh(
                 np.repeat(np.stack([buy[-1], sell[-1] - wear_eur]), blocks.count, axis=1)
             )
         max_eur_kwh = float(np.abs(inputs.price_eur_mwh).max()) / KWH_PER_MWH
@@ -247,7 +247,7 @@ class DynamicProgramDispatch:
         tracked = plant.track_demand(state, demand_kw, inputs.ambient_c)
         planned_kwh = plant.energy_kwh(tracked.soc)
         return DispatchPlan(
-            tracked.asked_kw,
+            tracked.allocated_kw,
             tracked.delivered_kw,
             self._net_eur(plant, tracked, planned_kwh, inputs.price_eur_mwh, depths),
             planned_kwh[1:],
@@ -286,20 +286,20 @@ class DynamicProgramDispatch:
     ) -> float:
         """Return the net income of a tracked demand, wear included."""
         terms, dt_h = self._terms, self._dt_h
-        demand_kw, delivered_kw, is_on = tracked.asked_kw, tracked.delivered_kw, tracked.request_kw != 0.0
+        demand_kw, delivered_kw, is_on = tracked.allocated_kw, tracked.delivered_kw, tracked.request_kw != 0.0
         sold_kw, bought_kw = np.maximum(delivered_kw, 0.0), np.maximum(-delivered_kw, 0.0)
-        missing_kw = np.maximum(np.abs(demand_kw) - np.abs(delivered_kw), 0.0)
+        undelivered_kw = np.maximum(np.abs(demand_kw) - np.abs(delivered_kw), 0.0)
         eur_per_h = (
             sold_kw * terms.discharge_price_eur_mwh(price)
             - (bought_kw + plant.off_kw @ ~is_on) * terms.charge_price_eur_mwh(price)
-            - missing_kw * terms.shortfall_price_eur_mwh(price)
+            - undelivered_kw * terms.shortfall_price_eur_mwh(price)
         ) / KWH_PER_MWH
         wear_eur = depths.cost_eur(sold_kw * dt_h, energy_kwh, dt_h)
         starts = int(np.count_nonzero(is_on[:, 1:] & ~is_on[:, :-1]))  # after the first step
         return float(eur_per_h.sum()) * dt_h - wear_eur - terms.start_eur * starts
 
 
-def _value_of_store(buy_sell_eur_kwh: Array) -> float:
+def _terminal_value_eur_kwh(buy_sell_eur_kwh: Array) -> float:
     """Return the terminal value per kWh: the lower of its purchase cost and its revenue."""
     median, high = np.quantile(buy_sell_eur_kwh, [0.5, 0.9], axis=1)
     return max(0.0, min(float(median[0]), float(high[1])))

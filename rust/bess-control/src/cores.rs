@@ -1,29 +1,29 @@
 //! Independent work on all cores. Results are in the order of the items, so that they are the same for any number of threads.
 //!
-//! Threads live as long as a call. A pool of them, as rayon has, would not survive the fork by which Python's
-//! multiprocessing starts workers.
+//! Each call starts its own threads. A thread pool, as in rayon, would not survive the fork that starts workers in Python's
+//! multiprocessing.
 
 use std::cell::Cell;
 use std::sync::{Mutex, OnceLock};
 
 thread_local! {
-    /// Whether the thread already works on an item: what is called from there stays on it.
-    static AT_WORK: Cell<bool> = const { Cell::new(false) };
+    /// Whether the thread is working on an item: nested calls stay on it.
+    static IS_WORKER: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Marks its thread as at work as long as it lives, a panic included.
-struct AtWork;
+/// Marks its thread as a worker until it is dropped, also by a panic.
+struct Worker;
 
-impl AtWork {
+impl Worker {
     fn begin() -> Self {
-        AT_WORK.set(true);
+        IS_WORKER.set(true);
         Self
     }
 }
 
-impl Drop for AtWork {
+impl Drop for Worker {
     fn drop(&mut self) {
-        AT_WORK.set(false);
+        IS_WORKER.set(false);
     }
 }
 
@@ -31,7 +31,7 @@ impl Drop for AtWork {
 fn max_threads() -> usize {
     static CORES: OnceLock<usize> = OnceLock::new();
     let wanted = std::env::var("OMP_NUM_THREADS").ok();
-    // A list gives one number for each level of nesting.
+    // OpenMP allows a list with one number for each level of nesting.
     let wanted = wanted.and_then(|n| n.split(',').next()?.trim().parse().ok()).filter(|n| *n > 0);
     wanted.unwrap_or_else(|| {
         *CORES.get_or_init(|| std::thread::available_parallelism().map_or(1, std::num::NonZero::get))
@@ -40,7 +40,7 @@ fn max_threads() -> usize {
 
 /// Number of threads that [`map`] uses for so many items, at least one.
 pub(crate) fn threads(items: usize) -> usize {
-    if AT_WORK.get() {
+    if IS_WORKER.get() {
         1
     } else {
         max_threads().min(items).max(1)
@@ -57,7 +57,7 @@ pub(crate) fn map<I: Send, T: Send>(items: Vec<I>, of: impl Fn(I) -> T + Sync) -
     let queue = Mutex::new(items.into_iter().enumerate());
     let take = || queue.lock().ok()?.next();
     let work = || {
-        let _at_work = AtWork::begin();
+        let _worker = Worker::begin();
         std::iter::from_fn(take).map(|(index, item)| (index, of(item))).collect::<Vec<(usize, T)>>()
     };
     std::thread::scope(|scope| {
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_are_in_order_and_what_they_call_themselves_stays_on_their_thread() {
+    fn results_are_in_order_and_nested_calls_stay_on_their_thread() {
         let squares = |n: usize| map((0..n).collect(), |i| i * i);
         let rows = map((0..50).collect(), |i| (std::thread::current().id(), squares(i)));
         assert!(rows
@@ -96,6 +96,6 @@ mod tests {
     fn a_thread_is_free_again_after_a_panic() {
         let panics = || map(vec![(); 4], |()| panic!("of an item"));
         assert!(std::panic::catch_unwind(panics).is_err());
-        assert!(!AT_WORK.get());
+        assert!(!IS_WORKER.get());
     }
 }

@@ -1,4 +1,4 @@
-//! The larger and the smaller of two numbers that are not NaN, in one instruction each.
+//! Maximum and minimum of two numbers that are not NaN, in one instruction each.
 
 /// The larger number, the first of equal ones.
 #[inline]

@@ -28,28 +28,28 @@ impl Rule {
     /// All rules.
     pub const ALL: [Self; 5] = [Self::Equal, Self::Soc, Self::Temperature, Self::Priority, Self::Rotation];
 
-    /// Powers of `total` within `caps`, in any unit. `left` (energy that is left in the direction of power) and `cool`
+    /// Powers of `total` within `caps`, in any unit. `usable` (stored energy or headroom, by direction) and `margin`
     /// (nominal power times the distance from full derating) are the weights of a string; rotation begins with `first`.
-    /// Power above all caps is added within the `limits`, if it exceeds a share `crumbs` of the total.
+    /// Power above all caps is added within the `limits`, if it exceeds a share `tolerance` of the total.
     pub(crate) fn allocate(
         self,
         total: f64,
         (caps, limits): (&[f64], &[f64]),
-        left: impl Fn(usize) -> f64,
-        cool: impl Fn(usize) -> f64,
+        usable: impl Fn(usize) -> f64,
+        margin: impl Fn(usize) -> f64,
         first: usize,
-        crumbs: f64,
+        tolerance: f64,
     ) -> Vec<f64> {
         let n = caps.len();
         let mut power = match self {
-            Self::Priority => in_turn(total, caps, 0, crumbs),
-            Self::Rotation => in_turn(total, caps, first, crumbs),
+            Self::Priority => fill_in_order(total, caps, 0, tolerance),
+            Self::Rotation => fill_in_order(total, caps, first, tolerance),
             Self::Equal => water_fill(total, &vec![1.0; n], caps),
-            Self::Soc => water_fill(total, &(0..n).map(left).collect::<Vec<_>>(), caps),
-            Self::Temperature => water_fill(total, &(0..n).map(cool).collect::<Vec<_>>(), caps),
+            Self::Soc => water_fill(total, &(0..n).map(usable).collect::<Vec<_>>(), caps),
+            Self::Temperature => water_fill(total, &(0..n).map(margin).collect::<Vec<_>>(), caps),
         };
         let rest = total - power.iter().sum::<f64>();
-        if rest > crumbs * total {
+        if rest > tolerance * total {
             let free: Vec<f64> = limits.iter().zip(&power).map(|(l, p)| (l - p).max(0.0)).collect();
             for ((power, more), limit) in power.iter_mut().zip(water_fill(rest, &free, &free)).zip(limits) {
                 *power = (*power + more).min(*limit);
@@ -59,13 +59,13 @@ impl Rule {
     }
 }
 
-/// Fills the strings in order, starting with `first`; a rest of `crumbs` of the total switches no string on.
-fn in_turn(total: f64, caps: &[f64], first: usize, crumbs: f64) -> Vec<f64> {
+/// Fills the strings in order, starting with `first`; a rest below `tolerance` of the total switches no string on.
+fn fill_in_order(total: f64, caps: &[f64], first: usize, tolerance: f64) -> Vec<f64> {
     let n = caps.len();
     let (mut power, mut before) = (vec![0.0; n], 0.0);
     for m in (0..n).map(|k| (first + k) % n) {
         let rest = total - before;
-        if rest <= crumbs * total {
+        if rest <= tolerance * total {
             break;
         }
         power[m] = rest.min(caps[m]);
@@ -113,10 +113,10 @@ pub struct RuleLaw {
     dt_h: f64,
     nominal_kw: Vec<f64>,
     nominal_energy_kwh: Vec<f64>,
-    stop_c: Vec<f64>,
+    full_derating_c: Vec<f64>,
     system: Arc<System>,
-    /// The model of new strings.
-    fresh: ControlModel,
+    /// Control model of strings without ageing.
+    new_model: ControlModel,
 }
 
 impl RuleLaw {
@@ -132,14 +132,14 @@ impl RuleLaw {
         dt_h: f64,
         nominal_kw: Vec<f64>,
         nominal_energy_kwh: Vec<f64>,
-        stop_c: Vec<f64>,
+        full_derating_c: Vec<f64>,
     ) -> Result<Self, InputError> {
         let n = system.strings.len();
         check_length("nominal", &nominal_kw, n)?;
         check_length("nominal energy", &nominal_energy_kwh, n)?;
-        check_length("stop", &stop_c, n)?;
-        let fresh = ControlModel::new(&system);
-        Ok(Self { rule, dt_h, nominal_kw, nominal_energy_kwh, stop_c, system, fresh })
+        check_length("stop", &full_derating_c, n)?;
+        let new_model = ControlModel::new(&system);
+        Ok(Self { rule, dt_h, nominal_kw, nominal_energy_kwh, full_derating_c, system, new_model })
     }
 
     /// Number of strings.
@@ -160,9 +160,9 @@ impl RuleLaw {
             None
         } else {
             self.system.check_health(plant.soh_capacity, plant.soh_resistance)?;
-            Some(self.fresh.aged(plant.soh_capacity, plant.soh_resistance))
+            Some(self.new_model.aged(plant.soh_capacity, plant.soh_resistance))
         };
-        let model = aged.as_ref().unwrap_or(&self.fresh);
+        let model = aged.as_ref().unwrap_or(&self.new_model);
         check_length("limit_kw", plant.limit_kw, n)?;
         check_length("soh_capacity", plant.soh_capacity, n)?;
         if demand_kw == 0.0 {
@@ -177,14 +177,15 @@ impl RuleLaw {
         };
         let caps_kw: Vec<f64> = deliverable_w.into_iter().zip(limits).map(cap).collect();
         let total_kw = demand_kw.abs();
-        let left = |m: usize| {
+        let usable = |m: usize| {
             let (low, high) = model.strings()[m].soc_window();
-            let left = direction.pick(high - plant.soc[m], plant.soc[m] - low).max(0.0);
-            left * self.nominal_energy_kwh[m] * plant.soh_capacity[m]
+            let usable = direction.pick(high - plant.soc[m], plant.soc[m] - low).max(0.0);
+            usable * self.nominal_energy_kwh[m] * plant.soh_capacity[m]
         };
-        let cool = |m: usize| self.nominal_kw[m] * (self.stop_c[m] - plant.temperature_c[m]).max(0.0);
+        let margin =
+            |m: usize| self.nominal_kw[m] * (self.full_derating_c[m] - plant.temperature_c[m]).max(0.0);
         let within = (caps_kw.as_slice(), plant.limit_kw);
-        let mut power_kw = self.rule.allocate(total_kw, within, left, cool, 0, 0.0);
+        let mut power_kw = self.rule.allocate(total_kw, within, usable, margin, 0, 0.0);
         power_kw.iter_mut().for_each(|power| *power *= W_PER_KW);
         let limit_w: Vec<f64> = plant.limit_kw.iter().map(|limit| limit * W_PER_KW).collect();
         model.set_points(&mut power_kw, &limit_w);
@@ -243,13 +244,13 @@ mod tests {
 
     #[test]
     fn priority_fills_one_string_after_the_other() {
-        assert_eq!(in_turn(70.0, &[50.0, 40.0, 30.0], 0, 0.0), [50.0, 20.0, 0.0]);
-        assert_eq!(in_turn(70.0, &[50.0, 40.0, 30.0], 2, 0.0), [40.0, 0.0, 30.0]);
-        assert_eq!(in_turn(50.0 + 1e-9, &[50.0, 40.0, 30.0], 0, 1e-9), [50.0, 0.0, 0.0]);
+        assert_eq!(fill_in_order(70.0, &[50.0, 40.0, 30.0], 0, 0.0), [50.0, 20.0, 0.0]);
+        assert_eq!(fill_in_order(70.0, &[50.0, 40.0, 30.0], 2, 0.0), [40.0, 0.0, 30.0]);
+        assert_eq!(fill_in_order(50.0 + 1e-9, &[50.0, 40.0, 30.0], 0, 1e-9), [50.0, 0.0, 0.0]);
     }
 
     #[test]
-    fn a_string_without_weight_gets_what_the_others_cannot_take() {
+    fn a_string_without_weight_gets_only_the_power_above_the_other_caps() {
         assert_eq!(water_fill(50.0, &[1.0, 0.0], &[40.0, 40.0]), [40.0, 10.0]);
         assert_eq!(water_fill(30.0, &[1.0, 0.0], &[40.0, 40.0]), [30.0, 0.0]);
     }

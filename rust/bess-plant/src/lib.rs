@@ -9,7 +9,7 @@
 //! with the capacity, `soc * dQ`, is reported.
 //!
 //! SI units, temperatures in degC, power and current positive in discharge. Many strings, or many scenarios of
-//! the same plant, are stepped side by side; nothing is allocated per plant step.
+//! the same plant, are computed together (SIMD); nothing is allocated per plant step.
 //!
 //! A call of [`Plant::run`] checks its requests (`plant/requests.rs`) into a `Schedule`, which every `Block` of strings
 //! runs from control step to control step (`block/control_step.rs`, which also writes the [`Record`]) and, inside these, from plant

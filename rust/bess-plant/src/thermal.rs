@@ -201,7 +201,7 @@ impl AirPath {
         sums.margin = sums.margin.min(self.lines[node].margin(now));
     }
 
-    /// Finds the table segment of every node anew and sums up, in the order of [`Self::advance`].
+    /// Looks up the table segment of every node and sums up, in the order of [`Self::advance`].
     #[cold]
     #[inline(never)]
     pub(crate) fn look_up(&mut self, tables: &[&Resistance; WIDTH]) {

@@ -6,7 +6,7 @@ use numpy::IntoPyArray;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{refused, GivenMatrix, GivenVector, Matrix};
+use crate::arrays::{value_error, Matrix, MatrixIn, VectorIn};
 use crate::model::System;
 
 /// Marginal rates of ageing of the strings of a plant, each by its own model.
@@ -20,8 +20,8 @@ impl Ageing {
     fn table<'py>(
         &self,
         py: Python<'py>,
-        loss: &GivenVector<'py>,
-        axes: &[&GivenMatrix<'py>],
+        loss: &VectorIn<'py>,
+        axes: &[&MatrixIn<'py>],
         rate: impl Fn(&StringAgeing, f64, &[f64]) -> f64,
     ) -> PyResult<Matrix> {
         let loss = loss.as_array();
@@ -48,33 +48,33 @@ impl Ageing {
     #[new]
     fn new(system: &System) -> PyResult<Self> {
         let strings = system.inner.strings.iter().map(StringAgeing::new).collect::<Result<_, _>>();
-        Ok(Self { strings: strings.map_err(refused)? })
+        Ok(Self { strings: strings.map_err(value_error)? })
     }
 
-    /// Capacity lost per equivalent full cycle, a share of the nameplate, `(n_strings, n_points)`: for strings that
-    /// have lost `cyclic_loss` `(n_strings,)` so far, at points of depth, middle SOC, C-rate and temperature.
+    /// Capacity lost per equivalent full cycle, a share of the nameplate, `(n_strings, n_points)`: for strings
+    /// with a loss of `cyclic_loss` `(n_strings,)`, at points of depth, middle SOC, C-rate and temperature.
     fn cyclic_rate<'py>(
         &self,
         py: Python<'py>,
-        cyclic_loss: GivenVector<'py>,
-        depth: GivenMatrix<'py>,
-        soc: GivenMatrix<'py>,
-        c_rate: GivenMatrix<'py>,
-        temperature_c: GivenMatrix<'py>,
+        cyclic_loss: VectorIn<'py>,
+        depth: MatrixIn<'py>,
+        soc: MatrixIn<'py>,
+        c_rate: MatrixIn<'py>,
+        temperature_c: MatrixIn<'py>,
     ) -> PyResult<Matrix> {
         self.table(py, &cyclic_loss, &[&depth, &soc, &c_rate, &temperature_c], |string, loss, at| {
             string.cyclic_rate(loss, at[0], at[1], at[2], at[3])
         })
     }
 
-    /// Capacity lost per day, a share of the nameplate, `(n_strings, n_points)`: for strings that have lost
-    /// `calendar_loss` `(n_strings,)` so far, at points of SOC and temperature.
+    /// Capacity lost per day, a share of the nameplate, `(n_strings, n_points)`: for strings with a loss of
+    /// `calendar_loss` `(n_strings,)`, at points of SOC and temperature.
     fn calendar_rate<'py>(
         &self,
         py: Python<'py>,
-        calendar_loss: GivenVector<'py>,
-        soc: GivenMatrix<'py>,
-        temperature_c: GivenMatrix<'py>,
+        calendar_loss: VectorIn<'py>,
+        soc: MatrixIn<'py>,
+        temperature_c: MatrixIn<'py>,
     ) -> PyResult<Matrix> {
         self.table(py, &calendar_loss, &[&soc, &temperature_c], |string, loss, at| {
             string.calendar_rate(loss, at[0], at[1])
@@ -91,7 +91,7 @@ pub fn ageing_models() -> Vec<(&'static str, &'static str)> {
 /// Cycles of a series (ASTM E1049-85, rainflow): range, mean, count (1 or 0.5), index of both ends; open ranges
 /// at the end count as half cycles.
 #[pyfunction]
-pub fn rainflow(series: GivenVector<'_>) -> Vec<(f64, f64, f64, usize, usize)> {
+pub fn rainflow(series: VectorIn<'_>) -> Vec<(f64, f64, f64, usize, usize)> {
     let (mut counter, mut out) = (Rainflow::default(), Vec::new());
     for (index, &value) in series.as_array().iter().enumerate() {
         counter.push(value, index, |cycle| out.push(cycle));

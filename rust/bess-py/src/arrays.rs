@@ -9,10 +9,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// Numeric array from Python.
-pub(crate) type Given<'py, D> = PyReadonlyArray<'py, f64, D>;
-pub(crate) type GivenVector<'py> = Given<'py, Ix1>;
-pub(crate) type GivenMatrix<'py> = Given<'py, Ix2>;
-pub(crate) type GivenCube<'py> = Given<'py, Ix3>;
+pub(crate) type ArrayIn<'py, D> = PyReadonlyArray<'py, f64, D>;
+pub(crate) type VectorIn<'py> = ArrayIn<'py, Ix1>;
+pub(crate) type MatrixIn<'py> = ArrayIn<'py, Ix2>;
+pub(crate) type CubeIn<'py> = ArrayIn<'py, Ix3>;
 
 /// Array returned to Python.
 pub(crate) type Vector = Py<PyArray1<f64>>;
@@ -21,22 +21,22 @@ pub(crate) type Flags = Py<PyArray2<bool>>;
 pub(crate) type Numbers = Py<PyArrayDyn<f64>>;
 
 /// Converts an error of a crate to a `ValueError` with its message.
-pub(crate) fn refused(error: impl Display) -> PyErr {
+pub(crate) fn value_error(error: impl Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
 /// Values in row-major order.
-pub(crate) fn numbers<D: Dimension>(array: &Given<'_, D>) -> Vec<f64> {
+pub(crate) fn numbers<D: Dimension>(array: &ArrayIn<'_, D>) -> Vec<f64> {
     array.as_array().iter().copied().collect()
 }
 
 /// Values in row-major order, times `factor`.
-pub(crate) fn scaled<D: Dimension>(array: &Given<'_, D>, factor: f64) -> Vec<f64> {
+pub(crate) fn scaled<D: Dimension>(array: &ArrayIn<'_, D>, factor: f64) -> Vec<f64> {
     array.as_array().iter().map(|v| v * factor).collect()
 }
 
 /// Converts kW, kvar or kVA to W, var or VA.
-pub(crate) fn watts<D: Dimension>(array: &Given<'_, D>) -> Vec<f64> {
+pub(crate) fn watts<D: Dimension>(array: &ArrayIn<'_, D>) -> Vec<f64> {
     scaled(array, W_PER_KW)
 }
 

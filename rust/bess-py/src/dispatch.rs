@@ -5,9 +5,7 @@ use bess_tables::{Axis, Lut};
 use numpy::{PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arrays::{
-    check_shape, numbers, refused, vector, watts, GivenCube, GivenMatrix, GivenVector, Vector,
-};
+use crate::arrays::{check_shape, numbers, value_error, vector, watts, CubeIn, MatrixIn, Vector, VectorIn};
 use crate::model::ControlModel;
 
 /// The plant as aggregate storage on a grid of states.
@@ -26,15 +24,15 @@ impl Store {
                         capacity_kwh, dt_h, parts, ambient_c, cooling_per_h, by_throughput))]
     fn new(
         model: &ControlModel,
-        energy_kwh: GivenVector<'_>,
-        temperature_c: GivenVector<'_>,
-        depth: GivenVector<'_>,
-        soc: GivenMatrix<'_>,
-        power_kw: GivenVector<'_>,
-        request_kw: GivenMatrix<'_>,
+        energy_kwh: VectorIn<'_>,
+        temperature_c: VectorIn<'_>,
+        depth: VectorIn<'_>,
+        soc: MatrixIn<'_>,
+        power_kw: VectorIn<'_>,
+        request_kw: MatrixIn<'_>,
         energies: Vec<(Vec<f64>, Vec<f64>)>,
-        mass_share: GivenVector<'_>,
-        off_kw: GivenVector<'_>,
+        mass_share: VectorIn<'_>,
+        off_kw: VectorIn<'_>,
         capacity_kwh: f64,
         dt_h: f64,
         parts: usize,
@@ -42,8 +40,8 @@ impl Store {
         cooling_per_h: f64,
         by_throughput: bool,
     ) -> PyResult<Self> {
-        let table = |(soc, energy_kwh)| Lut::new("energies", soc, energy_kwh).map_err(refused);
-        let axis = |name, points| Axis::new(name, numbers(points)).map_err(refused);
+        let table = |(soc, energy_kwh)| Lut::new("energies", soc, energy_kwh).map_err(value_error);
+        let axis = |name, points| Axis::new(name, numbers(points)).map_err(value_error);
         let grid = StoreGrid {
             energy_kwh: axis("energy", &energy_kwh)?,
             temperature_c: axis("temperature", &temperature_c)?,
@@ -61,7 +59,7 @@ impl Store {
             cooling_per_h,
             by_throughput,
         };
-        Ok(Self { inner: bess_control::Store::new(model.inner.clone(), grid).map_err(refused)? })
+        Ok(Self { inner: bess_control::Store::new(model.inner.clone(), grid).map_err(value_error)? })
     }
 
     /// Best power of each block `(B,)` [kW], signed, from `state`: energy [kWh], temperature [degC], depth.
@@ -78,15 +76,15 @@ impl Store {
         state: (f64, f64, f64),
         steps: PyReadonlyArray1<'_, i64>,
         period: PyReadonlyArray1<'_, i64>,
-        ambient_c: GivenVector<'_>,
+        ambient_c: VectorIn<'_>,
         is_new: PyReadonlyArray1<'_, bool>,
-        income_eur: GivenCube<'_>,
-        share: GivenMatrix<'_>,
-        chance: GivenMatrix<'_>,
+        income_eur: CubeIn<'_>,
+        share: MatrixIn<'_>,
+        chance: MatrixIn<'_>,
         wear: (Vec<f64>, Vec<f64>),
         end_eur_kwh: f64,
-        allowed_kwh: GivenVector<'_>,
-        shadow_prices_eur_kwh: GivenVector<'_>,
+        allowed_kwh: VectorIn<'_>,
+        shadow_prices_eur_kwh: VectorIn<'_>,
     ) -> PyResult<Vector> {
         let (blocks, levels) = (steps.len(), chance.shape()[0]);
         for (name, array) in
@@ -107,13 +105,13 @@ impl Store {
             income_eur: numbers(&income_eur).chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect(),
             share: numbers(&share),
             chance: numbers(&chance),
-            wear_eur: Lut::new("wear", wear.0, wear.1).map_err(refused)?,
+            wear_eur: Lut::new("wear", wear.0, wear.1).map_err(value_error)?,
             end_eur_kwh,
             allowed_kwh: numbers(&allowed_kwh),
             shadow_prices_eur_kwh: numbers(&shadow_prices_eur_kwh),
             start: StoreState { energy_kwh: state.0, temperature_c: state.1, depth: state.2 },
         };
-        let power_kw = py.detach(|| self.inner.dispatch(&problem)).map_err(refused)?;
+        let power_kw = py.detach(|| self.inner.dispatch(&problem)).map_err(value_error)?;
         Ok(vector(py, power_kw))
     }
 }

@@ -11,8 +11,8 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arrays::{
-    check_shape, kilowatts, matrix, numbers, refused, scaled, vector, watts, Flags, Given, GivenCube,
-    GivenMatrix, GivenVector, Matrix, Vector,
+    check_shape, kilowatts, matrix, numbers, scaled, value_error, vector, watts, ArrayIn, CubeIn, Flags,
+    Matrix, MatrixIn, Vector, VectorIn,
 };
 use crate::model::{ControlModel, FlowArrays};
 use crate::node::{Node, StateBoxes};
@@ -81,18 +81,18 @@ impl ControlHorizon {
         [self.inner.n_strings(), self.inner.n_steps()]
     }
 
-    /// A node of this horizon that is narrowed.
-    fn narrowed_part<'a>(&self, node: &'a Node) -> PyResult<&'a Part> {
+    /// A node of this horizon that is tightened.
+    fn tightened_part<'a>(&self, node: &'a Node) -> PyResult<&'a Part> {
         node.check_shape(&self.shape())?;
-        node.narrowed()
+        node.tightened()
     }
 
     /// Requests `(..., M, T)` [kW] as checked magnitudes [W].
-    fn magnitudes<D: Dimension>(&self, request_kw: &Given<'_, D>) -> PyResult<Vec<f64>> {
+    fn magnitudes<D: Dimension>(&self, request_kw: &ArrayIn<'_, D>) -> PyResult<Vec<f64>> {
         let shape = request_kw.shape();
         let needed = [&shape[..shape.len() - 2], &self.shape()].concat();
         check_shape("request", &needed, shape)?;
-        self.inner.magnitudes(&watts(request_kw)).map_err(refused)
+        self.inner.magnitudes(&watts(request_kw)).map_err(value_error)
     }
 
     /// Magnitudes `(M, T)` [W] as signed requests [kW].
@@ -101,7 +101,7 @@ impl ControlHorizon {
     }
 
     /// Costs of the losses of each string [1/W] from an array `(M, 4)` [1/kW].
-    fn loss_costs(&self, costs: &GivenMatrix<'_>) -> PyResult<Vec<Losses>> {
+    fn loss_costs(&self, costs: &MatrixIn<'_>) -> PyResult<Vec<Losses>> {
         check_shape("costs", &[self.inner.n_strings(), 4], costs.shape())?;
         Ok(Losses::rows(&scaled(costs, 1.0 / W_PER_KW)))
     }
@@ -164,16 +164,16 @@ impl ControlHorizon {
     #[new]
     fn new(
         model: &ControlModel,
-        soc: GivenVector<'_>,
-        temperature_c: GivenVector<'_>,
-        demand_kw: GivenVector<'_>,
-        ambient_c: GivenVector<'_>,
+        soc: VectorIn<'_>,
+        temperature_c: VectorIn<'_>,
+        demand_kw: VectorIn<'_>,
+        ambient_c: VectorIn<'_>,
         dt_h: f64,
-        limit_kw: GivenMatrix<'_>,
-        costs: GivenCube<'_>,
-        search_costs: GivenCube<'_>,
-        tol_abs: GivenVector<'_>,
-        tol_rel: GivenVector<'_>,
+        limit_kw: MatrixIn<'_>,
+        costs: CubeIn<'_>,
+        search_costs: CubeIn<'_>,
+        tol_abs: VectorIn<'_>,
+        tol_rel: VectorIn<'_>,
     ) -> PyResult<Self> {
         let n_strings = model.inner.strings().len();
         check_shape("limit", &[n_strings, demand_kw.len()], limit_kw.shape())?;
@@ -192,7 +192,9 @@ impl ControlHorizon {
             tolerance_abs: &numbers(&tol_abs),
             tolerance_rel: &numbers(&tol_rel),
         };
-        Ok(Self { inner: bess_control::ControlHorizon::new(model.inner.clone(), &problem).map_err(refused)? })
+        Ok(Self {
+            inner: bess_control::ControlHorizon::new(model.inner.clone(), &problem).map_err(value_error)?,
+        })
     }
 
     /// Searches for the best schedule, from requests `(M, T)` [kW, of any sign] if given, and bounds the result.
@@ -202,13 +204,13 @@ impl ControlHorizon {
     fn split(
         &self,
         py: Python<'_>,
-        warm_start_kw: Option<GivenMatrix<'_>>,
+        warm_start_kw: Option<MatrixIn<'_>>,
         rollouts: usize,
         time_limit_s: Option<f64>,
         gap: f64,
     ) -> PyResult<SplitAnswer> {
         // Requests opposite to the demand of their step carry no information.
-        let of_demand = |array: &GivenMatrix<'_>| -> PyResult<Vec<f64>> {
+        let of_demand = |array: &MatrixIn<'_>| -> PyResult<Vec<f64>> {
             check_shape("warm_start", &self.shape(), array.shape())?;
             Ok(self.inner.signed(&watts(array)).into_iter().map(|p| p.max(0.0)).collect())
         };
@@ -231,7 +233,7 @@ impl ControlHorizon {
         &self,
         py: Python<'_>,
         incumbent: &Incumbent,
-        wanted_kw: GivenCube<'_>,
+        wanted_kw: CubeIn<'_>,
     ) -> PyResult<Option<Incumbent>> {
         let ([n_strings, n_steps], shape) = (self.shape(), wanted_kw.shape());
         check_shape("wanted", &[shape[0], n_strings, n_steps], shape)?;
@@ -247,7 +249,7 @@ impl ControlHorizon {
     }
 
     /// Group objectives in the costs of the search `(B, G)` of requests `(B, M, T)` [kW].
-    fn evaluate(&self, py: Python<'_>, request_kw: GivenCube<'_>) -> PyResult<Matrix> {
+    fn evaluate(&self, py: Python<'_>, request_kw: CubeIn<'_>) -> PyResult<Matrix> {
         let requests_w = self.magnitudes(&request_kw)?;
         let values = py.detach(|| self.inner.evaluate(&requests_w));
         Ok(matrix(py, request_kw.shape()[0], values))
@@ -270,12 +272,12 @@ impl ControlHorizon {
         &self,
         py: Python<'_>,
         boxes: &StateBoxes,
-        costs: GivenMatrix<'_>,
-        budget_kw: GivenVector<'_>,
+        costs: MatrixIn<'_>,
+        budget_kw: VectorIn<'_>,
     ) -> PyResult<StepBounds> {
         let boxes = self.at_starts(boxes)?;
         let (costs, budget_w) = (self.loss_costs(&costs)?, watts(&budget_kw));
-        let answer = py.detach(|| self.inner.step_bounds(&boxes, &costs, &budget_w)).map_err(refused)?;
+        let answer = py.detach(|| self.inner.step_bounds(&boxes, &costs, &budget_w)).map_err(value_error)?;
         Ok(self.cuts(py, &answer))
     }
 
@@ -285,14 +287,14 @@ impl ControlHorizon {
     fn tighten(
         &self,
         py: Python<'_>,
-        request_kw: GivenMatrix<'_>,
-        costs: GivenMatrix<'_>,
+        request_kw: MatrixIn<'_>,
+        costs: MatrixIn<'_>,
         shed_budget_kw: f64,
     ) -> PyResult<(f64, StateBoxes, Flags)> {
         let (request_w, costs) = (self.magnitudes(&request_kw)?, self.loss_costs(&costs)?);
         let answer = py
             .detach(|| self.inner.tighten(&request_w, &costs, shed_budget_kw * W_PER_KW))
-            .map_err(refused)?;
+            .map_err(value_error)?;
         let may_shed = matrix(py, self.inner.n_strings(), self.inner.may_shed(&answer.boxes));
         Ok((answer.bound, self.boxes(answer.boxes), may_shed))
     }
@@ -307,7 +309,7 @@ impl ControlHorizon {
     fn priced_bound(
         &self,
         py: Python<'_>,
-        ceilings: GivenVector<'_>,
+        ceilings: VectorIn<'_>,
         objective: f64,
         sample: usize,
     ) -> PyResult<f64> {
@@ -330,30 +332,30 @@ impl ControlHorizon {
 
     /// Tightens a node: removes schedules that cannot meet the demand with at most `shed_budget_kw` shed in
     /// total. None if the node is empty.
-    fn narrowed(&self, py: Python<'_>, node: &Node, shed_budget_kw: f64) -> PyResult<Option<Node>> {
+    fn tighten_node(&self, py: Python<'_>, node: &Node, shed_budget_kw: f64) -> PyResult<Option<Node>> {
         node.check_shape(&self.shape())?;
         if shed_budget_kw.is_nan() {
             return Err(PyValueError::new_err("shed_budget_kw: is not a number"));
         }
-        let inner = py.detach(|| self.inner.narrowed(&node.inner, shed_budget_kw * W_PER_KW));
+        let inner = py.detach(|| self.inner.tighten_node(&node.inner, shed_budget_kw * W_PER_KW));
         Ok(inner.map(|inner| Node { n_strings: self.inner.n_strings(), inner }))
     }
 
-    /// Step cuts like [`Self::step_bounds`] over a narrowed node.
+    /// Step cuts like [`Self::step_bounds`] over a tightened node.
     fn step_bounds_of(
         &self,
         py: Python<'_>,
         node: &Node,
-        costs: GivenMatrix<'_>,
-        budget_kw: GivenVector<'_>,
+        costs: MatrixIn<'_>,
+        budget_kw: VectorIn<'_>,
     ) -> PyResult<StepBounds> {
-        let node = self.narrowed_part(node)?;
+        let node = self.tightened_part(node)?;
         let (costs, budget_w) = (self.loss_costs(&costs)?, watts(&budget_kw));
-        let answer = py.detach(|| self.inner.step_bounds_of(node, &costs, &budget_w)).map_err(refused)?;
+        let answer = py.detach(|| self.inner.step_bounds_of(node, &costs, &budget_w)).map_err(value_error)?;
         Ok(self.cuts(py, &answer))
     }
 
-    /// Coefficients of the relaxation over a narrowed node by name, each `(M, T)`. Planes are tightest at the states
+    /// Coefficients of the relaxation over a tightened node by name, each `(M, T)`. Planes are tightest at the states
     /// `near`, which are points; if `frozen`, the coefficients of battery and derating are those of these states.
     /// `units_kw` `(M, 2)` are the nominal losses of inverter and battery.
     fn relaxed(
@@ -362,9 +364,9 @@ impl ControlHorizon {
         node: &Node,
         near: &StateBoxes,
         frozen: bool,
-        units_kw: GivenMatrix<'_>,
+        units_kw: MatrixIn<'_>,
     ) -> PyResult<BTreeMap<&'static str, Matrix>> {
-        let (n_strings, node) = (self.inner.n_strings(), self.narrowed_part(node)?);
+        let (n_strings, node) = (self.inner.n_strings(), self.tightened_part(node)?);
         check_shape("units", &[n_strings, 2], units_kw.shape())?;
         let units: Vec<_> = watts(&units_kw)
             .chunks_exact(2)
@@ -381,7 +383,7 @@ impl ControlHorizon {
         &self,
         py: Python<'_>,
         states: &StateBoxes,
-        request_kw: GivenMatrix<'_>,
+        request_kw: MatrixIn<'_>,
     ) -> PyResult<FlowArrays> {
         check_shape("request", &self.shape(), request_kw.shape())?;
         let states = self.points(states)?;

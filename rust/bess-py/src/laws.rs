@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{
-    check_shape, matrix, numbers, refused, vector, GivenCube, GivenMatrix, GivenVector, Matrix, Vector,
+    check_shape, matrix, numbers, value_error, vector, CubeIn, Matrix, MatrixIn, Vector, VectorIn,
 };
 use crate::model::System;
 use crate::plant::{to_dict, Plant};
@@ -20,25 +20,25 @@ use crate::plant::{to_dict, Plant};
 pub fn water_fill(
     py: Python<'_>,
     total_kw: f64,
-    weights: GivenVector<'_>,
-    caps_kw: GivenVector<'_>,
+    weights: VectorIn<'_>,
+    caps_kw: VectorIn<'_>,
 ) -> PyResult<Vector> {
     check_shape("weights", caps_kw.shape(), weights.shape())?;
     Ok(vector(py, bess_control::water_fill(total_kw, &numbers(&weights), &numbers(&caps_kw))))
 }
 
-/// Attributes of a `bess.State`: what is measured of each string `(M,)`.
+/// Attributes of a `bess.State`: measurements of each string `(M,)`.
 #[derive(FromPyObject)]
 struct State<'py> {
-    soc: GivenVector<'py>,
-    temperature_c: GivenVector<'py>,
-    soh_capacity: GivenVector<'py>,
-    soh_resistance: GivenVector<'py>,
+    soc: VectorIn<'py>,
+    temperature_c: VectorIn<'py>,
+    soh_capacity: VectorIn<'py>,
+    soh_resistance: VectorIn<'py>,
 }
 
 impl State<'_> {
     /// `split` of this state and the maximum power of each inverter.
-    fn apply<T>(&self, limit_kw: &GivenVector<'_>, split: impl FnOnce(&Measured<'_>) -> T) -> T {
+    fn apply<T>(&self, limit_kw: &VectorIn<'_>, split: impl FnOnce(&Measured<'_>) -> T) -> T {
         split(&Measured {
             soc: &numbers(&self.soc),
             temperature_c: &numbers(&self.temperature_c),
@@ -64,9 +64,9 @@ impl Rule {
         system: &System,
         name: &str,
         dt_h: f64,
-        nominal_kw: GivenVector<'_>,
-        nominal_energy_kwh: GivenVector<'_>,
-        stop_c: GivenVector<'_>,
+        nominal_kw: VectorIn<'_>,
+        nominal_energy_kwh: VectorIn<'_>,
+        stop_c: VectorIn<'_>,
     ) -> PyResult<Self> {
         let rule = match name {
             "equal" => Kind::Equal,
@@ -78,7 +78,7 @@ impl Rule {
         let sizes = [nominal_kw, nominal_energy_kwh, stop_c].map(|values| numbers(&values));
         let [nominal_kw, nominal_energy_kwh, stop_c] = sizes;
         let law = RuleLaw::new(system.inner.clone(), rule, dt_h, nominal_kw, nominal_energy_kwh, stop_c);
-        Ok(Self { inner: law.map_err(refused)? })
+        Ok(Self { inner: law.map_err(value_error)? })
     }
 
     /// Set-points of one step `(M,)` [kW].
@@ -86,11 +86,11 @@ impl Rule {
         &self,
         py: Python<'_>,
         state: State<'_>,
-        limit_kw: GivenVector<'_>,
+        limit_kw: VectorIn<'_>,
         demand_kw: f64,
     ) -> PyResult<Vector> {
         let request_kw = state.apply(&limit_kw, |measured| self.inner.split(measured, demand_kw));
-        Ok(vector(py, request_kw.map_err(refused)?))
+        Ok(vector(py, request_kw.map_err(value_error)?))
     }
 
     /// Runs the closed loop over `plant`: `demand_kw` `(T,)`, never above the sum of `limit_kw` `(T, M)`,
@@ -100,9 +100,9 @@ impl Rule {
         &self,
         py: Python<'py>,
         plant: &mut Plant,
-        demand_kw: GivenVector<'py>,
-        limit_kw: GivenMatrix<'py>,
-        ambient_c: GivenVector<'py>,
+        demand_kw: VectorIn<'py>,
+        limit_kw: MatrixIn<'py>,
+        ambient_c: VectorIn<'py>,
         duration_s: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
         let n = self.inner.n_strings();
@@ -134,7 +134,7 @@ impl Explicit {
             |name| item(name)?.extract(),
             |name| item(name)?.extract(),
         )?;
-        Ok(Self { inner: ExplicitLaw::new(tables).map_err(refused)? })
+        Ok(Self { inner: ExplicitLaw::new(tables).map_err(value_error)? })
     }
 
     #[classattr]
@@ -145,12 +145,12 @@ impl Explicit {
     const DECISION: &'static str = DECISION;
 
     /// Demand features `(N, numbers)` of each demand forecast `(N, steps)` [kW].
-    fn demand_features(&self, py: Python<'_>, ahead_kw: GivenMatrix<'_>) -> PyResult<Matrix> {
+    fn demand_features(&self, py: Python<'_>, ahead_kw: MatrixIn<'_>) -> PyResult<Matrix> {
         let (rows, n_steps) = (ahead_kw.shape()[0], self.inner.n_steps());
         check_shape("demand", &[rows, n_steps], ahead_kw.shape())?;
         let mut features = Vec::with_capacity(rows * N_FEATURES);
         for schedule in numbers(&ahead_kw).chunks_exact(n_steps) {
-            features.extend(self.inner.demand_features(schedule).map_err(refused)?);
+            features.extend(self.inner.demand_features(schedule).map_err(value_error)?);
         }
         Ok(matrix(py, rows, features))
     }
@@ -159,15 +159,15 @@ impl Explicit {
     fn split(
         &self,
         py: Python<'_>,
-        weights: GivenVector<'_>,
+        weights: VectorIn<'_>,
         state: State<'_>,
-        limit_kw: GivenVector<'_>,
-        ahead_kw: GivenVector<'_>,
+        limit_kw: VectorIn<'_>,
+        ahead_kw: VectorIn<'_>,
     ) -> PyResult<Vector> {
         let (weights, ahead_kw) = (numbers(&weights), numbers(&ahead_kw));
-        let features = self.inner.demand_features(&ahead_kw).map_err(refused)?;
+        let features = self.inner.demand_features(&ahead_kw).map_err(value_error)?;
         let split = |measured: &Measured<'_>| self.inner.split(&weights, measured, ahead_kw[0], &features);
-        Ok(vector(py, state.apply(&limit_kw, split).map_err(refused)?))
+        Ok(vector(py, state.apply(&limit_kw, split).map_err(value_error)?))
     }
 
     /// Runs the closed loop over `plant` with one set of weights for each of its scenarios `(S, weights)`.
@@ -178,11 +178,11 @@ impl Explicit {
         &self,
         py: Python<'py>,
         plant: &mut Plant,
-        weights: GivenMatrix<'py>,
-        demand_kw: GivenMatrix<'py>,
-        features: GivenCube<'py>,
-        limit_kw: GivenMatrix<'py>,
-        ambient_c: GivenMatrix<'py>,
+        weights: MatrixIn<'py>,
+        demand_kw: MatrixIn<'py>,
+        features: CubeIn<'py>,
+        limit_kw: MatrixIn<'py>,
+        ambient_c: MatrixIn<'py>,
         duration_s: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
         let n_strings = self.inner.n_strings();
@@ -248,7 +248,7 @@ fn closed_loop<'py>(
         }
         Ok((record, requests_kw))
     };
-    let (record, request_kw) = py.detach(run).map_err(refused)?;
+    let (record, request_kw) = py.detach(run).map_err(value_error)?;
     let record = record.ok_or_else(|| PyValueError::new_err("demand: needs at least one step"))?;
     let out = to_dict(py, record)?;
     out.set_item("request_kw", vector(py, request_kw))?;

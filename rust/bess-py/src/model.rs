@@ -9,8 +9,8 @@ use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 
 use crate::arrays::{
-    check_shape, kilowatts, matrix, numbers, refused, shaped, vector, watts, GivenCube, GivenMatrix,
-    GivenVector, Matrix, Numbers, Vector,
+    check_shape, kilowatts, matrix, numbers, shaped, value_error, vector, watts, CubeIn, Matrix, MatrixIn,
+    Numbers, Vector, VectorIn,
 };
 
 /// Tables of a plant, shared by every object built from it.
@@ -24,13 +24,14 @@ impl System {
     /// Creates the tables from the resolved description, JSON of `{"strings": [...]}`.
     #[new]
     fn new(document: &str) -> PyResult<Self> {
-        let inner = bess_tables::System::from_json(document).map_err(refused)?;
+        let inner = bess_tables::System::from_json(document).map_err(value_error)?;
         Ok(Self { inner: Arc::new(inner) })
     }
 
     /// Returns a copy with the capacity and resistance of each string scaled by these factors.
-    fn aged(&self, soh_capacity: GivenVector<'_>, soh_resistance: GivenVector<'_>) -> PyResult<Self> {
-        let inner = self.inner.aged(&numbers(&soh_capacity), &numbers(&soh_resistance)).map_err(refused)?;
+    fn aged(&self, soh_capacity: VectorIn<'_>, soh_resistance: VectorIn<'_>) -> PyResult<Self> {
+        let inner =
+            self.inner.aged(&numbers(&soh_capacity), &numbers(&soh_resistance)).map_err(value_error)?;
         Ok(Self { inner: Arc::new(inner) })
     }
 }
@@ -80,10 +81,10 @@ impl ControlModel {
     /// Measured states of all strings.
     pub(crate) fn states(
         &self,
-        soc: &GivenVector<'_>,
-        temperature_c: &GivenVector<'_>,
+        soc: &VectorIn<'_>,
+        temperature_c: &VectorIn<'_>,
     ) -> PyResult<Vec<StringState>> {
-        self.inner.states(&numbers(soc), &numbers(temperature_c)).map_err(refused)
+        self.inner.states(&numbers(soc), &numbers(temperature_c)).map_err(value_error)
     }
 }
 
@@ -108,10 +109,10 @@ impl ControlModel {
     fn rollout(
         &self,
         py: Python<'_>,
-        soc: GivenVector<'_>,
-        temperature_c: GivenVector<'_>,
-        request_kw: GivenCube<'_>,
-        ambient_c: GivenVector<'_>,
+        soc: VectorIn<'_>,
+        temperature_c: VectorIn<'_>,
+        request_kw: CubeIn<'_>,
+        ambient_c: VectorIn<'_>,
         dt_h: f64,
         midpoint: bool,
     ) -> PyResult<FlowArrays> {
@@ -122,7 +123,7 @@ impl ControlModel {
         let (requests_w, ambient_c) = (watts(&request_kw), numbers(&ambient_c));
         let out = py
             .detach(|| self.inner.rollout(&start, &requests_w, &ambient_c, dt_h, coefficients))
-            .map_err(refused)?;
+            .map_err(value_error)?;
         Ok(FlowArrays::new(py, &shape, &out.flows, &out.directions))
     }
 
@@ -130,10 +131,10 @@ impl ControlModel {
     fn track_demand(
         &self,
         py: Python<'_>,
-        soc: GivenVector<'_>,
-        temperature_c: GivenVector<'_>,
-        demand_kw: GivenVector<'_>,
-        ambient_c: GivenVector<'_>,
+        soc: VectorIn<'_>,
+        temperature_c: VectorIn<'_>,
+        demand_kw: VectorIn<'_>,
+        ambient_c: VectorIn<'_>,
         dt_h: f64,
         parts: usize,
         shares: &BestShares,
@@ -142,10 +143,10 @@ impl ControlModel {
         let (demand_w, ambient_c) = (watts(&demand_kw), numbers(&ambient_c));
         let tracked = py
             .detach(|| self.inner.track_demand(&start, &demand_w, &ambient_c, dt_h, parts, &shares.inner))
-            .map_err(refused)?;
+            .map_err(value_error)?;
         let n_strings = start.len();
         Ok(TrackedArrays {
-            asked_kw: vector(py, kilowatts(tracked.asked_w)),
+            allocated_kw: vector(py, kilowatts(tracked.allocated_w)),
             delivered_kw: vector(py, kilowatts(tracked.delivered_w)),
             request_kw: matrix(py, n_strings, kilowatts(tracked.request_w)),
             soc: matrix(py, n_strings, tracked.soc),
@@ -157,8 +158,8 @@ impl ControlModel {
     fn coefficients(
         &self,
         py: Python<'_>,
-        soc: GivenMatrix<'_>,
-        temperature_c: GivenMatrix<'_>,
+        soc: MatrixIn<'_>,
+        temperature_c: MatrixIn<'_>,
         discharge: bool,
     ) -> PyResult<(Matrix, Matrix)> {
         let (n_strings, shape) = (self.inner.strings().len(), soc.shape());
@@ -179,8 +180,8 @@ impl ControlModel {
     fn deliverable_kw(
         &self,
         py: Python<'_>,
-        soc: GivenVector<'_>,
-        temperature_c: GivenVector<'_>,
+        soc: VectorIn<'_>,
+        temperature_c: VectorIn<'_>,
         discharge: bool,
         dt_h: f64,
     ) -> PyResult<Vector> {
@@ -193,8 +194,8 @@ impl ControlModel {
     fn set_points(
         &self,
         py: Python<'_>,
-        request_kw: GivenVector<'_>,
-        limit_kw: GivenVector<'_>,
+        request_kw: VectorIn<'_>,
+        limit_kw: VectorIn<'_>,
     ) -> PyResult<Vector> {
         let shape = [self.inner.strings().len()];
         check_shape("request", &shape, request_kw.shape())?;
@@ -210,16 +211,16 @@ impl ControlModel {
     fn share_reactive(
         &self,
         py: Python<'_>,
-        request_kw: GivenVector<'_>,
+        request_kw: VectorIn<'_>,
         total_kvar: f64,
-        limit_kva: GivenVector<'_>,
-        start_kw: GivenVector<'_>,
+        limit_kva: VectorIn<'_>,
+        start_kw: VectorIn<'_>,
     ) -> PyResult<Vector> {
         let (request_w, limit_va, start_w) = (watts(&request_kw), watts(&limit_kva), watts(&start_kw));
         let total_var = total_kvar.abs() * W_PER_KW;
         let shares = py
             .detach(|| self.inner.share_reactive(&request_w, total_var, &limit_va, &start_w))
-            .map_err(refused)?;
+            .map_err(value_error)?;
         let unit = if total_kvar < 0.0 { -W_PER_KW } else { W_PER_KW };
         Ok(vector(py, shares.into_iter().map(|q| q / unit).collect()))
     }
@@ -241,15 +242,11 @@ pub struct BestShares {
 #[pymethods]
 impl BestShares {
     #[new]
-    fn new(
-        charge_kw: GivenMatrix<'_>,
-        discharge_kw: GivenMatrix<'_>,
-        limit_kw: GivenVector<'_>,
-    ) -> PyResult<Self> {
+    fn new(charge_kw: MatrixIn<'_>, discharge_kw: MatrixIn<'_>, limit_kw: VectorIn<'_>) -> PyResult<Self> {
         check_shape("charge", &[charge_kw.shape()[0], limit_kw.len()], charge_kw.shape())?;
         check_shape("discharge", charge_kw.shape(), discharge_kw.shape())?;
         let inner = bess_control::BestShares::new(watts(&charge_kw), watts(&discharge_kw), watts(&limit_kw));
-        Ok(Self { inner: inner.map_err(refused)? })
+        Ok(Self { inner: inner.map_err(value_error)? })
     }
 }
 
@@ -257,7 +254,7 @@ impl BestShares {
 /// discharge], and the states at the start and at the end of each step `(M, T + 1)`.
 #[pyclass(frozen, get_all, module = "bess._core")]
 pub struct TrackedArrays {
-    asked_kw: Vector,
+    allocated_kw: Vector,
     delivered_kw: Vector,
     request_kw: Matrix,
     soc: Matrix,

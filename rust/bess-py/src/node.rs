@@ -6,7 +6,7 @@ use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{check_shape, matrix, numbers, Flags, GivenMatrix, Matrix};
+use crate::arrays::{check_shape, matrix, numbers, Flags, Matrix, MatrixIn};
 
 /// Ranges of the state of every string `(M, N)` at the start of each step, optionally also at the end of the
 /// last.
@@ -31,10 +31,10 @@ impl StateBoxes {
 impl StateBoxes {
     #[new]
     fn new(
-        soc_low: GivenMatrix<'_>,
-        soc_high: GivenMatrix<'_>,
-        temperature_low_c: GivenMatrix<'_>,
-        temperature_high_c: GivenMatrix<'_>,
+        soc_low: MatrixIn<'_>,
+        soc_high: MatrixIn<'_>,
+        temperature_low_c: MatrixIn<'_>,
+        temperature_high_c: MatrixIn<'_>,
     ) -> PyResult<Self> {
         let shape = soc_low.shape().to_vec();
         let arrays = [soc_low, soc_high, temperature_low_c, temperature_high_c];
@@ -113,10 +113,10 @@ impl Node {
         Err(PyValueError::new_err(format!("branch: string {string}, step {step}, at {at}: {range}")))
     }
 
-    /// The ranges of a narrowed node.
-    pub(crate) fn narrowed(&self) -> PyResult<&Part> {
+    /// The ranges of a tightened node.
+    pub(crate) fn tightened(&self) -> PyResult<&Part> {
         if self.inner.cells.is_empty() {
-            return Err(PyValueError::new_err("node: not narrowed"));
+            return Err(PyValueError::new_err("node: not tightened"));
         }
         Ok(&self.inner)
     }
@@ -154,11 +154,11 @@ impl Node {
         Ok(self.parts(self.inner.branch_on_request(string, step, at_kw * W_PER_KW)))
     }
 
-    /// The parts of a narrowed node in which one string sheds nothing in one step, and in which it ends this
+    /// The parts of a tightened node in which one string sheds nothing in one step, and in which it ends this
     /// step full (empty) enough to shed.
     fn branch_on_full(&self, string: usize, step: usize) -> PyResult<(Self, Self)> {
         self.check(string, step, 0.0)?;
-        Ok(self.parts(self.narrowed()?.branch_on_full(string, step)))
+        Ok(self.parts(self.tightened()?.branch_on_full(string, step)))
     }
 
     /// The parts below and above an SOC of one string at the start of one step.

@@ -7,7 +7,7 @@ use numpy::{PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{check_shape, matrix, numbers, refused, scaled, watts, GivenMatrix, GivenVector, Matrix};
+use crate::arrays::{check_shape, matrix, numbers, scaled, value_error, watts, Matrix, MatrixIn, VectorIn};
 use crate::model::ControlModel;
 
 /// A plan and its cost in the control model.
@@ -32,36 +32,36 @@ pub struct Plan {
 /// `limit_kw` `(M, T)` of the inverters.
 ///
 /// Prices: `loss_prices` `(T, 4)` of availability, derating, inverter and battery loss [cost/kWh]; `wear`
-/// `(M,)` and `end_charge` [cost/Ah]; `start_cost` of an inverter; `balance` [cost per Ah and hour]. Work:
-/// `previous_kw` `(M, T)` is the shifted warm start. It has `rollouts`, as has the best start of a restart, in which each start has
-/// `fresh_rollouts` before; shadow prices have `price_passes` iterations, the proven bound `proof_cells` (None: no bounds); `turn`
+/// `(M,)` and `end_charge` [cost/Ah]; `start_cost` of an inverter; `balance` [cost per Ah and hour]. Effort:
+/// `rollouts` for the shifted warm start `previous_kw` `(M, T)`, or for the best start of a restart; before, `restart_rollouts` for each
+/// start (0: no restart); `price_passes` for the shadow prices; `proof_cells` for the proven bound (None: no bounds); `turn`
 /// counts the calls. `reactive_kvar` `(T,)` is the reactive power of the plant. Strings of one number
 /// in `groups` `(M,)` are planned as one; strings below 0 are out of service.
 #[pyfunction]
 #[pyo3(signature = (model, *, soc, temperature_c, running, demand_kw, ambient_c, dt_h, limit_kw, loss_prices, wear,
-                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, price_passes, proof_cells, turn, reactive_kvar=None, groups=None))]
+                    start_cost, balance, end_charge, previous_kw, rollouts, restart_rollouts, price_passes, proof_cells, turn, reactive_kvar=None, groups=None))]
 pub fn plan(
     py: Python<'_>,
     model: &ControlModel,
-    soc: GivenVector<'_>,
-    temperature_c: GivenVector<'_>,
+    soc: VectorIn<'_>,
+    temperature_c: VectorIn<'_>,
     running: PyReadonlyArray1<'_, bool>,
-    demand_kw: GivenVector<'_>,
-    ambient_c: GivenVector<'_>,
+    demand_kw: VectorIn<'_>,
+    ambient_c: VectorIn<'_>,
     dt_h: f64,
-    limit_kw: GivenMatrix<'_>,
-    loss_prices: GivenMatrix<'_>,
-    wear: GivenVector<'_>,
+    limit_kw: MatrixIn<'_>,
+    loss_prices: MatrixIn<'_>,
+    wear: VectorIn<'_>,
     start_cost: f64,
     balance: f64,
     end_charge: f64,
-    previous_kw: Option<GivenMatrix<'_>>,
+    previous_kw: Option<MatrixIn<'_>>,
     rollouts: usize,
-    fresh_rollouts: usize,
+    restart_rollouts: usize,
     price_passes: usize,
     proof_cells: Option<usize>,
     turn: usize,
-    reactive_kvar: Option<GivenVector<'_>>,
+    reactive_kvar: Option<VectorIn<'_>>,
     groups: Option<PyReadonlyArray1<'_, i64>>,
 ) -> PyResult<Plan> {
     let (n_strings, n_steps) = (model.inner.strings().len(), demand_kw.len());
@@ -94,8 +94,8 @@ pub fn plan(
     let groups = groups
         .map(|groups| Groups::new(&groups.as_array().iter().map(group).collect::<Vec<_>>(), n_strings))
         .transpose()
-        .map_err(refused)?;
-    let effort = PlanEffort { rollouts, fresh_rollouts, price_passes, proof_cells, turn };
+        .map_err(value_error)?;
+    let effort = PlanEffort { rollouts, restart_rollouts, price_passes, proof_cells, turn };
     let plan = py
         .detach(|| {
             let mut problem =
@@ -108,7 +108,7 @@ pub fn plan(
                 None => Ok(problem.plan(previous_w.as_deref(), effort)),
             }
         })
-        .map_err(|error: bess_tables::InputError| refused(error))?;
+        .map_err(|error: bess_tables::InputError| value_error(error))?;
     let signed = plan.request_w.iter().enumerate().map(|(i, power)| signs[i % n_steps] * power).collect();
     Ok(Plan {
         request_kw: matrix(py, n_strings, signed),

@@ -11,7 +11,7 @@ use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arrays::{numbers, refused, watts, GivenVector};
+use crate::arrays::{numbers, value_error, watts, VectorIn};
 use crate::model::System;
 
 /// Electro-thermal plant of one or more scenarios. Arrays are flat, in the order (step, scenario, string, node).
@@ -24,7 +24,7 @@ pub struct Plant {
 /// Converts a state by name. If it has no ageing state, the ageing state follows from the state of health.
 fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyResult<PlantState> {
     let item = |key: &'static str| state.get_item(key)?.ok_or_else(|| PyKeyError::new_err(key));
-    let values = |key| -> PyResult<Vec<f64>> { Ok(numbers(&item(key)?.extract::<GivenVector<'_>>()?)) };
+    let values = |key| -> PyResult<Vec<f64>> { Ok(numbers(&item(key)?.extract::<VectorIn<'_>>()?)) };
     Ok(PlantState {
         soc: values("soc")?,
         node_temperature_c: values("node_temperature_c")?,
@@ -33,13 +33,14 @@ fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyRes
         ageing: if state.contains("ageing")? {
             let lanes = item("soc")?.len()?;
             let rows = values("ageing")?;
-            // One row for each lane; a length that is no multiple leaves a short row, which is refused.
+            // One row for each lane; a length that is no multiple leaves a short row, which is rejected.
             rows.chunks((rows.len() / lanes.max(1)).max(1))
                 .map(AgeingState::from_numbers)
                 .collect::<Result<_, _>>()
-                .map_err(refused)?
+                .map_err(value_error)?
         } else {
-            starting_ageing(system, &values("soh_capacity")?, &values("soh_resistance")?).map_err(refused)?
+            starting_ageing(system, &values("soh_capacity")?, &values("soh_resistance")?)
+                .map_err(value_error)?
         },
         cooling: if state.contains("cooling_stages")? {
             // The cast truncates and saturates: an invalid stage becomes the nearest, or one that no plant
@@ -86,7 +87,7 @@ impl Plant {
         let state = plant_state(&system.inner, state)?;
         let inner = py
             .detach(|| bess_plant::Plant::new(&system.inner, scenarios, plant_step_s, law, &state))
-            .map_err(refused)?;
+            .map_err(value_error)?;
         Ok(Self { inner, system: system.inner.clone() })
     }
 
@@ -113,7 +114,7 @@ impl Plant {
     }
 
     fn set_state(&mut self, state: &Bound<'_, PyDict>) -> PyResult<()> {
-        self.inner.set_state(&plant_state(&self.system, state)?).map_err(refused)
+        self.inner.set_state(&plant_state(&self.system, state)?).map_err(value_error)
     }
 
     /// Simulates all requests [kW], with reactive power [kvar] if given; returns flat arrays by name, in kW,
@@ -122,18 +123,18 @@ impl Plant {
     fn run<'py>(
         &mut self,
         py: Python<'py>,
-        request_kw: GivenVector<'py>,
-        ambient_c: GivenVector<'py>,
+        request_kw: VectorIn<'py>,
+        ambient_c: VectorIn<'py>,
         duration_s: f64,
         keep_nodes: bool,
-        reactive_kvar: Option<GivenVector<'py>>,
+        reactive_kvar: Option<VectorIn<'py>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (request_w, ambient_c) = (watts(&request_kw), numbers(&ambient_c));
         let reactive_var = reactive_kvar.map(|values| watts(&values));
         let inner = &mut self.inner;
         let record = py
             .detach(|| inner.run(&request_w, reactive_var.as_deref(), &ambient_c, duration_s, keep_nodes))
-            .map_err(refused)?;
+            .map_err(value_error)?;
         to_dict(py, record)
     }
 }

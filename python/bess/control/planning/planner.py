@@ -24,7 +24,7 @@ MIN_ROLLOUTS, ROLLOUTS_PER_STRING, MAX_ROLLOUTS = 180, 22, 352
 RESTART_ROLLOUTS = 300
 """Roll-outs for each start of a restart, before the best is chosen; at most twice those of a call."""
 RESTART_INTERVAL_STEPS = 96
-"""Calls between restarts: a restart may leave a local optimum that holds the shifted warm start."""
+"""Calls between restarts; a restart can escape from a local optimum of the shifted warm start."""
 BOUND_STEPS = 28 * RESTART_INTERVAL_STEPS
 """Calls between lower bounds, each at a restart: a bound takes as long as several days of planning."""
 PRICE_PASSES = 16
@@ -46,7 +46,7 @@ FORECAST_ERROR_BALANCING_PER_H = 0.1
 FORECAST_ERROR_DISCOUNT_TIME_H = 5.0
 """Time constant of the discount on later undelivered energy at a forecast error of 1 [h]."""
 GRID_ERROR = 1e-2
-"""Excess of the search bound over the cost of a plan, as a share of it, that is put down to its grid."""
+"""Maximum excess of the search bound over the cost of a plan due to the grid, as a share of the cost."""
 ROUNDING = 1e-9
 """Relative difference of a cost and its bound that is due to rounding."""
 MAX_STEPS = 48 * 60
@@ -58,8 +58,8 @@ def rollouts_of(n_strings: int, given: int | None = None) -> int:
     return min(max(MIN_ROLLOUTS, ROLLOUTS_PER_STRING * n_strings), MAX_ROLLOUTS) if given is None else given
 
 
-def _unrefuted(bound: float, cost: float, error: float) -> float:
-    """The bound; NaN if it is above the cost of a schedule by more than this share of it."""
+def _valid_bound(bound: float, cost: float, error: float) -> float:
+    """The bound; NaN if it exceeds the cost of a schedule by more than a share ``error`` of the cost."""
     return np.nan if bound > cost + error * abs(cost) else bound
 
 
@@ -254,8 +254,8 @@ class Planner(Checkpointed):
             reactive_kvar = values if values.any() else None
         changed = self._forecast_error.compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
         last_kw, previous = self.plan_kw, self._shifted_plan()
-        fresh = previous is None or changed or self._turn % RESTART_INTERVAL_STEPS == 0
-        groups = groups_of(self.system, state, limit) if fresh else self._groups
+        restart = previous is None or changed or self._turn % RESTART_INTERVAL_STEPS == 0
+        groups = groups_of(self.system, state, limit) if restart else self._groups
         bounded = self._turn % BOUND_STEPS == 0 and kinds_of(self.system, state, limit) <= MAX_BOUNDED_KINDS
         loss_prices = prices.losses * self._shortfall_weights()
         try:
@@ -275,7 +275,7 @@ class Planner(Checkpointed):
                 end_charge=TERMINAL_VALUE_FACTOR * self._start_charge,
                 previous_kw=previous,
                 rollouts=self.rollouts,
-                fresh_rollouts=min(RESTART_ROLLOUTS, 2 * self.rollouts) if fresh else 0,
+                restart_rollouts=min(RESTART_ROLLOUTS, 2 * self.rollouts) if restart else 0,
                 price_passes=self._price_passes,
                 proof_cells=self._proof_cells if bounded else None,
                 turn=self._turn,
@@ -289,11 +289,11 @@ class Planner(Checkpointed):
         self._turn += 1
         proven, searched = (np.nan if each is None else each for each in (plan.bound, plan.search_bound))
         if plan.search_bound is not None and groups is None:
-            # Its computing time grows with the number of strings, identical or not.
+            # Not for groups: its computing time grows with the number of strings, even if they are identical.
             proven = float(np.fmax(proven, proven_bound(problem, loss_prices.min(axis=0))))
-        proven = _unrefuted(proven, plan.cost, ROUNDING)
-        # An estimate below a proven bound is none.
-        searched = float(np.fmax(_unrefuted(searched, plan.cost, GRID_ERROR), proven))
+        proven = _valid_bound(proven, plan.cost, ROUNDING)
+        # The proven bound replaces a lower estimate.
+        searched = float(np.fmax(_valid_bound(searched, plan.cost, GRID_ERROR), proven))
         return Plan(
             plan.request_kw,
             plan.cost,

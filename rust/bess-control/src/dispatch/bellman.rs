@@ -54,7 +54,7 @@ impl Cells<'_> {
         }
     }
 
-    /// The same with values `(L, S)` at each grid point.
+    /// Like [`Self::maximise`], with values `(L, S)` at each grid point.
     #[inline(always)]
     pub fn maximise_columns<'i>(
         &self,

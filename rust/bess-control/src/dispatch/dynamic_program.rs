@@ -12,7 +12,7 @@ use super::bellman::Cells;
 use super::transitions::{weights, StoreState, Transitions};
 use super::{DispatchBlock, DispatchProblem, Store};
 
-/// Cycled energy that a resting plant may show by rounding [kWh].
+/// Cycled energy of an idle plant due to rounding [kWh].
 const ROUNDING_KWH: f64 = 1e-6;
 /// Rounding of interpolated temperatures [K].
 const ROUNDING_K: f64 = 1e-9;
@@ -118,7 +118,7 @@ impl<'a> DynamicProgram<'a> {
     }
 
     /// Values of a state after a block by its level `(L, S)`: the expectation over the next level. Before another period,
-    /// at the shadow price that uses its limit: where the dual value, an upper bound, is least.
+    /// at the shadow price with the minimum dual value, an upper bound.
     fn expected_after(&self, b: usize, later: &[f64], out: &mut [f64]) {
         let shadows = self.shadow_eur.len();
         out.copy_from_slice(later);
@@ -192,7 +192,7 @@ impl<'a> DynamicProgram<'a> {
                 let income = &mut income[from..][..energies];
                 income.fill(0.0);
                 for ((amount, eur), some) in transitions.amounts.iter().zip(eur).zip(has_some) {
-                    // Most rows neither sell and buy nor lose by derating: what is zero is not added.
+                    // In most rows several amounts are zero and need not be added.
                     if *some && *eur != 0.0 {
                         let amount = &amount[from..][..energies];
                         for i in 0..energies {
@@ -210,7 +210,7 @@ impl<'a> DynamicProgram<'a> {
         }
     }
 
-    /// Powers chosen in order, before the level of the price is known, which every value after a block takes as known.
+    /// Chooses the powers in order. The price level of a block is unknown when its power is chosen, but known afterwards.
     fn forward_pass(&self, values: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let (problem, shadows) = (self.problem, self.shadow_eur.len());
         let columns = self.levels * shadows;
@@ -233,7 +233,7 @@ impl<'a> DynamicProgram<'a> {
                 }
                 let mut end = settled.after;
                 end.temperature_c += self.ambient_shift_k(b);
-                // The least dual value after this power. At one shadow price for all of them, those with and without a cycle
+                // The minimum dual value after this power. With one shadow price for all powers, powers with and without a cycle
                 // can be equal, and the choice arbitrary.
                 let mut dual = |s: usize| {
                     let value = self.interpolate(&end, |state| {
@@ -278,13 +278,13 @@ impl<'a> DynamicProgram<'a> {
 }
 
 widest! {
-    /// Values of the grid before a block: those of the best transition. Keeps the `income` of the block after it where that
-    /// is the same.
+    /// Values of the grid before a block: those of the best transition. Reuses the `income` of the next block if it
+    /// is equal.
     fn bellman_step(program: &DynamicProgram<'_>, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
         let (grid, transitions) = (&program.store.grid, program.transitions(b));
         let energies = grid.energy_kwh.len();
         let (all_rows, columns) = (transitions.flows.len(), program.levels * program.shadow_eur.len());
-        // Where there is one depth only, no state is deeper.
+        // With one depth only, the depth does not change.
         let deeper = if grid.depth.len() > 1 { grid.temperature_c.len() * energies * columns } else { 0 };
         if program.differs_from_next(b) {
             program.transition_income(b, income);
@@ -335,7 +335,7 @@ fn reachable_temperatures(store: &Store, problem: &DispatchProblem) -> Vec<Range
         let highest_c = ends_c.iter().fold(f64::NEG_INFINITY, |high, end| high.max(end.1));
         let (lowest, highest) = (below(lowest_c - ROUNDING_K), below(highest_c + ROUNDING_K) + 1);
         rows = rows.start.min(lowest)..rows.end.max(highest + 1);
-        // In the ambient temperature of the transitions, values are those of the points themselves.
+        // In the ambient temperature of the transitions, no interpolation is needed.
         let shift_k = store.ambient_shift_k(block);
         if shift_k != 0.0 {
             let [cool, warm] = [points[lowest] - ROUNDING_K, points[highest] + ROUNDING_K];

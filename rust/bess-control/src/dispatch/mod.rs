@@ -4,7 +4,7 @@
 //! `transitions` holds the response of the control model to each of several powers, `dynamic_program` the backward and the
 //! forward pass, and `bellman` its inner loop. The value of a state is the best income from there to the end of the horizon.
 //! Values after a block are expected over the price levels of the next one. Where cycles are limited, values are computed for
-//! several shadow prices of cycling; the dual value at a state is the least of them together with the value of the remaining
+//! several shadow prices of cycling; the dual value at a state is their minimum, each with the value of the remaining
 //! cycles. Powers in kW, energies in kWh, money in EUR.
 
 mod bellman;
@@ -103,7 +103,7 @@ impl Store {
         &self.transitions[&block.steps]
     }
 
-    /// How much warmer the plant is after a block than by its transition, in its ambient temperature [K].
+    /// Temperature difference after a block due to its ambient temperature, compared with its transition [K].
     fn ambient_shift_k(&self, block: &DispatchBlock) -> f64 {
         self.of(block).cooled * (block.ambient_c - self.grid.ambient_c)
     }

@@ -1,4 +1,4 @@
-//! Response of the whole plant, as one store, to each of several powers held over some control steps.
+//! Response of the whole plant, as one store, to each of several constant powers over some control steps.
 
 use bess_tables::{Axis, Direction, InputError, Lut};
 
@@ -65,10 +65,10 @@ pub(super) struct Flows {
     temperature_c: f64,
 }
 
-/// Settled energies and the state after a block.
+/// Energies of a block, and the state after it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Settled {
-    /// Energy discharged, charged with standby, and lost by derating [kWh], and held energy times hours [kWh h].
+pub(super) struct SettledBlock {
+    /// Energy discharged, charged with standby, and lost by derating [kWh], and stored energy times hours [kWh h].
     pub amounts: [f64; 4],
     /// Share of capacity discharged.
     pub drawn: f64,
@@ -77,8 +77,8 @@ pub(super) struct Settled {
     pub after: StoreState,
 }
 
-/// Neighbouring rows, by their energy, that end in neighbouring cells of the grid, or all in the same cell, as where they
-/// fill or empty the store.
+/// Rows of successive energies that end in successive cells of the grid, or all in the same cell, for example if they fill or
+/// empty the store.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Run {
     /// First row, and number of rows.
@@ -103,12 +103,12 @@ impl Run {
 #[derive(Debug, Default)]
 pub(super) struct Transitions {
     pub hours: f64,
-    /// Share of a difference in ambient temperature that the plant adopts.
+    /// Response of the plant temperature to a difference in ambient temperature, as a share.
     pub cooled: f64,
     pub flows: Vec<Flows>,
     /// Lowest and highest temperature at the end, from each temperature `(K,)`.
     pub ends_c: Vec<(f64, f64)>,
-    /// Of each row what [`Settled`] has under these names.
+    /// The fields of [`SettledBlock`] for each row.
     pub amounts: [Vec<f64>; 4],
     /// Whether a row of each temperature and power has some of each amount `(K, P)`.
     pub has_some: Vec<[bool; 4]>,
@@ -243,7 +243,7 @@ impl StoreGrid {
         out.request_kw = direction.sign() * (power_kw.abs() - kilowatts * shed_w).max(0.0);
         out.delivered_kw *= direction.sign() * kilowatts;
         out.derated_kw *= kilowatts;
-        // The part of a transition that fills the store as far as it is used.
+        // A transition that overfills the store is used in part, until the store is full.
         let (held, full) = (self.energy_kwh[e], self.energy_kwh[self.energy_kwh.len() - 1]);
         let rise = out.energy_kwh - held;
         let part = 1.0 - (out.energy_kwh - full).max(0.0) / rise.max(1e-9);
@@ -254,17 +254,17 @@ impl StoreGrid {
         out
     }
 
-    pub(super) fn settle(&self, flows: &Flows, held_kwh: f64, depth: f64, hours: f64) -> Settled {
+    pub(super) fn settle(&self, flows: &Flows, held_kwh: f64, depth: f64, hours: f64) -> SettledBlock {
         let (sold, bought) = (flows.delivered_kw.max(0.0), (-flows.delivered_kw).max(0.0));
         let change = (flows.energy_kwh - held_kwh) / self.capacity_kwh;
         let (drawn, filled, held) = ((-change).max(0.0), change.max(0.0), held_kwh / self.capacity_kwh);
-        // Charged energy lies above the stored energy: the mean depth of the whole is that of both.
+        // Charged energy has depth 0: the new depth is the mean over stored and charged energy.
         let after = if filled > 0.0 {
             (depth - filled).max(0.0) * held / (held + filled).max(NEGLIGIBLE_KWH)
         } else {
             depth + drawn
         };
-        Settled {
+        SettledBlock {
             amounts: [sold, bought + flows.standby_kw, flows.derated_kw, flows.energy_kwh].map(|a| hours * a),
             drawn,
             cycled_kwh: if self.by_throughput {

@@ -37,7 +37,7 @@ macro_rules! tables {
         }
 
         impl Tables {
-            /// Tables from what three functions give for each name: counts, numbers, arrays.
+            /// Tables from three functions of a name, which return counts, numbers and arrays.
             ///
             /// # Errors
             ///
@@ -64,9 +64,9 @@ macro_rules! tables {
 }
 
 tables! {
-    /// What a decision knows of a plant; the fields are those of `bess.control.explicit.Tables`, which says what they are.
+    /// Constants of the control law; `bess.control.explicit.Tables` documents the fields.
     counts: strings, soc_knots, temperature_knots, derating_knots, power_knots, heat_knots, low_knots, steps, near_steps;
-    numbers: step_h, step_share, near_share, shortfall, high_fill, min_power_kw, flattest, shed_slope, crumbs, unbounded;
+    numbers: step_h, step_share, near_share, shortfall, high_fill, min_power_kw, flattest, shed_slope, tolerance, unbounded;
     arrays of t: soc_axis[t.soc_knots], temperature_axis[t.temperature_knots], ocv_v[t.cells()], resistance_ohm[t.cells()],
         derating_c[t.strings * t.derating_knots], derating_factor[t.strings * t.derating_knots],
         power_kw[t.strings * t.power_knots], loss_kw[2 * t.strings * t.power_knots], idle_loss_kw[t.strings],
@@ -107,7 +107,7 @@ impl ExplicitLaw {
     ///
     /// # Errors
     ///
-    /// A sentence where lengths do not fit each other.
+    /// Lengths do not agree.
     pub fn new(tables: Tables) -> Result<Self, String> {
         let t = &tables;
         let small = [
@@ -148,7 +148,7 @@ impl ExplicitLaw {
     ///
     /// # Errors
     ///
-    /// A schedule of another length.
+    /// The forecast has a wrong length.
     pub fn demand_features(&self, ahead_kw: &[f64]) -> Result<[f64; N_FEATURES], InputError> {
         check_length("demand", ahead_kw, self.tables.steps)?;
         let mut features = [0.0; N_FEATURES];

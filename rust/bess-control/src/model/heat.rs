@@ -2,7 +2,7 @@
 
 use bess_tables::Direction;
 
-/// Share of the voltage that drops at the resistance, `R I / V`, at an internal power `x V^2 / R`:
+/// Voltage drop over the resistance relative to the open-circuit voltage, `R I / V`, at an internal power `x V^2 / R`:
 /// `(sqrt(1 +- 4 x) - 1) / 2`, in its stable form. Beyond the root limit of discharge, its value at that
 /// limit.
 #[inline]

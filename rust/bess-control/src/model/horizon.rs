@@ -11,7 +11,7 @@ use crate::model::{Interval, Losses, StringModel, StringState};
 pub const MAX_GROUPS: usize = 4;
 /// Relative distance of the demand from the sum of the limits within which every string gets its limit.
 const FULL_POWER: f64 = 1e-12;
-/// String-steps from which work is shared among cores.
+/// Minimum number of string-steps for work on several cores.
 const MIN_PARALLEL_STRING_STEPS: usize = 64;
 
 /// Data of one split problem. Arrays over strings and steps are string-major, `(M, T)`.
@@ -136,7 +136,7 @@ impl ControlHorizon {
         self.n_strings() * self.n_steps()
     }
 
-    /// Results of `of` for every item, on all cores if the problem is large: starting threads takes as long as a small one.
+    /// Results of `of` for every item, on all cores if the problem is large; threads do not pay off for small problems.
     pub(crate) fn map<I: Send, T: Send>(&self, items: Vec<I>, of: impl Fn(I) -> T + Sync) -> Vec<T> {
         if self.size() < MIN_PARALLEL_STRING_STEPS {
             return items.into_iter().map(of).collect();

@@ -6,9 +6,9 @@ use super::ranges::Range;
 
 /// Inverter loss of one direction over delivered AC power, with data for its inversion.
 ///
-/// The battery's internal power is `g(p) = p - w(p)` in charge and `p + w(p)` in discharge. A table whose slope
-/// leaves `(-1, 1)` makes `g` fall somewhere; the set of powers below a limit is then not an interval. The
-/// largest deliverable power is taken as the end of the first interval (inverse of the running maximum of `g`),
+/// The battery's internal power is `g(p) = p - w(p)` in charge and `p + w(p)` in discharge. If the slope of a table
+/// leaves `(-1, 1)`, `g` is not monotone, and the set of powers below a limit is not an interval. The
+/// largest deliverable power is then the end of the first interval (inverse of the running maximum of `g`),
 /// so that every power below it is deliverable too. On monotone tables both agree.
 #[derive(Debug, Clone)]
 pub(crate) struct LossCurve {
@@ -77,7 +77,7 @@ impl LossCurve {
         (self.loss[segment] + loss_slope * beyond, self.internal[segment] + internal_slope * beyond)
     }
 
-    /// [`Self::at`] for repeated reading at one power, which is read once.
+    /// [`Self::at`] with a cache for repeated reading at one power.
     #[inline(always)]
     pub fn known_at(&self, known_w: f64) -> impl Fn(f64) -> (f64, f64) + '_ {
         let known = self.at(known_w);
@@ -99,8 +99,8 @@ impl LossCurve {
         self.power[above - 1] + share * (self.power[above] - self.power[above - 1])
     }
 
-    /// AC power above which `g` is not negative [W]: in charge, the inverter then draws nothing from the
-    /// battery.
+    /// AC power above which `g` is not negative [W]: at such powers, a charging inverter does not discharge
+    /// the battery.
     pub fn max_drawing_w(&self) -> f64 {
         let g: Vec<f64> = self.power.iter().zip(&self.loss).map(|(&p, &w)| self.internal_w(p, w)).collect();
         let Some(last) = g.iter().rposition(|g| *g < 0.0) else { return 0.0 };

@@ -8,8 +8,8 @@ const ROUNDING: f64 = 1e-12;
 
 impl ControlModel {
     /// Requests `(M,)` [W] (magnitudes) of one step, each 0 or at least the minimum power of its inverter. Smaller
-    /// requests go to strings that are on, or switch one string on, which takes all power if too little is left for two. They
-    /// are dropped only if no string has headroom, or if they are too small to switch one on.
+    /// requests are moved to strings that are on, or combined in one string if they are large enough. They are dropped only if
+    /// neither is possible.
     pub fn set_points(&self, request_w: &mut [f64], limit_w: &[f64]) {
         let min_w = |m: usize| self.strings()[m].min_power_w();
         let below = |m: usize, power_w: f64| power_w > 0.0 && power_w < min_w(m);
@@ -29,14 +29,14 @@ impl ControlModel {
         waiting.sort_by(|a, b| b.1.total_cmp(&a.1));
         let mut waiting = waiting.into_iter().map(|(m, _)| m);
         loop {
-            let room_w: f64 =
+            let headroom_w: f64 =
                 request_w.iter().zip(limit_w).filter(|(p, _)| **p > 0.0).map(|(p, l)| l - p).sum();
-            if room_w > 0.0 {
-                let share = (left_w / room_w).min(1.0);
+            if headroom_w > 0.0 {
+                let share = (left_w / headroom_w).min(1.0);
                 for (power_w, &limit_w) in request_w.iter_mut().zip(limit_w).filter(|(p, _)| **p > 0.0) {
                     *power_w += share * (limit_w - *power_w);
                 }
-                left_w -= share * room_w;
+                left_w -= share * headroom_w;
             }
             if left_w <= ROUNDING * total_w {
                 return;
@@ -97,20 +97,20 @@ mod tests {
     }
 
     #[test]
-    fn what_is_below_the_least_power_goes_to_the_strings_that_run() {
+    fn requests_below_the_minimum_power_are_moved_to_running_strings() {
         let given = settled([50e3, 0.4, 0.0, 0.5], [LIMIT_W; N_STRINGS]);
         assert_eq!(given, [50e3 + 0.9, 0.0, 0.0, 0.0]);
         assert_eq!(settled([5.0, 0.0, 1.0, 7.0], [LIMIT_W; N_STRINGS]), [5.0, 0.0, 1.0, 7.0]);
     }
 
     #[test]
-    fn where_all_are_below_it_the_one_that_was_asked_for_most_takes_all_or_none_does() {
+    fn if_all_requests_are_below_the_minimum_power_the_largest_takes_all_or_all_are_dropped() {
         assert_eq!(settled([0.3, 0.5, 0.2, 0.4], [LIMIT_W; N_STRINGS]), [0.0, 1.4, 0.0, 0.0]);
         assert_eq!(settled([0.3, 0.3, 0.0, 0.0], [LIMIT_W; N_STRINGS]), [0.0; N_STRINGS]);
     }
 
     #[test]
-    fn what_is_too_little_for_a_string_goes_to_one_that_it_can_switch_on() {
+    fn a_request_below_the_minimum_power_is_moved_to_a_string_that_it_can_switch_on() {
         let mut system = common::reference(2);
         system.strings[1].inverter.min_power_w = 170.0;
         let mut request_w = [0.0, 55.6];
@@ -119,18 +119,18 @@ mod tests {
     }
 
     #[test]
-    fn where_those_that_run_are_at_their_limit_they_give_what_one_more_needs_to_start() {
+    fn running_strings_at_their_limits_reduce_their_power_to_start_another() {
         let given = settled([50.0, 0.25, 0.0, 0.0], [50.0, LIMIT_W, 0.0, 0.0]);
         assert_eq!(given, [49.25, 1.0, 0.0, 0.0]);
     }
 
     #[test]
-    fn where_there_is_too_little_for_two_strings_one_takes_all() {
+    fn one_string_takes_a_power_that_is_too_small_for_two() {
         assert_eq!(settled([1.25, 0.5, 0.0, 0.0], [1.25, LIMIT_W, LIMIT_W, 0.0]), [0.0, 1.75, 0.0, 0.0]);
     }
 
     #[test]
-    fn no_request_of_any_step_is_below_the_least_power_and_the_sum_stays() {
+    fn no_request_is_below_the_minimum_power_and_the_sum_is_kept() {
         let model = ControlModel::new(&common::reference(N_STRINGS));
         let mut random = fastrand::Rng::with_seed(3);
         for _ in 0..2000 {

@@ -25,7 +25,7 @@ pub struct BestShares {
 #[derive(Debug, Clone, Default)]
 pub struct TrackedDemand {
     /// Allocated demand: the demand without the undeliverable part `(T,)` [W].
-    pub asked_w: Vec<f64>,
+    pub allocated_w: Vec<f64>,
     /// Delivered by all strings `(T,)` [W].
     pub delivered_w: Vec<f64>,
     /// Requests of the strings `(M, T)` [W].
@@ -38,7 +38,7 @@ pub struct TrackedDemand {
 
 /// Flows of the strings in one step; powers are magnitudes.
 #[derive(Debug, Clone)]
-struct CarriedOut {
+struct StepFlows {
     request_w: Vec<f64>,
     delivered_w: f64,
     /// Availability loss of each string.
@@ -80,27 +80,28 @@ impl BestShares {
 
     /// Requests with the availability loss reallocated to strings without one, in proportion to their
     /// headroom; None if there is no loss or no headroom.
-    fn moved(&self, done: &CarriedOut) -> Option<Vec<f64>> {
+    fn reallocated(&self, done: &StepFlows) -> Option<Vec<f64>> {
         let min_w = NEGLIGIBLE_POWER * self.total_w;
-        let lost: Vec<f64> = done.shed_w.iter().map(|&s| if s > min_w { s } else { 0.0 }).collect();
-        let room = |((&lost, &limit), &request): ((&f64, &f64), &f64)| {
-            if lost > 0.0 {
+        let undelivered: Vec<f64> = done.shed_w.iter().map(|&s| if s > min_w { s } else { 0.0 }).collect();
+        let headroom = |((&undelivered, &limit), &request): ((&f64, &f64), &f64)| {
+            if undelivered > 0.0 {
                 0.0
             } else {
                 (limit - request).max(0.0)
             }
         };
-        let room: Vec<f64> = lost.iter().zip(&self.limit_w).zip(&done.request_w).map(room).collect();
-        let (lost_w, room_w): (f64, f64) = (lost.iter().sum(), room.iter().sum());
-        let amount = lost_w.min(room_w);
+        let headroom: Vec<f64> =
+            undelivered.iter().zip(&self.limit_w).zip(&done.request_w).map(headroom).collect();
+        let (undelivered_w, headroom_w): (f64, f64) = (undelivered.iter().sum(), headroom.iter().sum());
+        let amount = undelivered_w.min(headroom_w);
         if amount < min_w {
             return None;
         }
         let after = |m: usize| {
-            let change = room[m] * (amount / room_w) - lost[m] * (amount / lost_w);
+            let change = headroom[m] * (amount / headroom_w) - undelivered[m] * (amount / undelivered_w);
             (done.request_w[m] + change).clamp(0.0, self.limit_w[m])
         };
-        Some((0..lost.len()).map(after).collect())
+        Some((0..undelivered.len()).map(after).collect())
     }
 }
 
@@ -141,9 +142,9 @@ impl ControlModel {
             }
             let direction = Direction::of(demand_w[t]);
             let interval = Interval { direction, ambient_c: ambient_c[t], dt_h: dt_h / parts as f64 };
-            let (asked, done) = self.track_step(&states, demand_w[t].abs(), &interval, parts, shares);
+            let (allocated, done) = self.track_step(&states, demand_w[t].abs(), &interval, parts, shares);
             let sign = direction.sign();
-            out.asked_w.push(sign * asked);
+            out.allocated_w.push(sign * allocated);
             out.delivered_w.push(sign * done.delivered_w);
             for (m, request) in done.request_w.iter().enumerate() {
                 out.request_w[m * n_steps + t] = sign * request;
@@ -157,34 +158,34 @@ impl ControlModel {
     fn track_step(
         &self,
         states: &[StringState],
-        mut asked_w: f64,
+        mut allocated_w: f64,
         interval: &Interval,
         parts: usize,
         shares: &BestShares,
-    ) -> (f64, CarriedOut) {
+    ) -> (f64, StepFlows) {
         let mut rounds = ROUNDS;
         loop {
-            let mut done = self.carry_out(states, shares.of(interval.direction, asked_w), interval, parts);
+            let mut done = self.simulate(states, shares.of(interval.direction, allocated_w), interval, parts);
             for _ in 1..ROUNDS {
-                let Some(request_w) = shares.moved(&done) else { break };
-                done = self.carry_out(states, request_w, interval, parts);
+                let Some(request_w) = shares.reallocated(&done) else { break };
+                done = self.simulate(states, request_w, interval, parts);
             }
             let shed_w: f64 = done.shed_w.iter().sum();
             if shed_w <= 0.0 || rounds == 0 {
-                return (asked_w, done);
+                return (allocated_w, done);
             }
             rounds -= 1;
-            asked_w = (asked_w - shed_w).max(0.0);
+            allocated_w = (allocated_w - shed_w).max(0.0);
         }
     }
 
-    fn carry_out(
+    fn simulate(
         &self,
         states: &[StringState],
         request_w: Vec<f64>,
         interval: &Interval,
         parts: usize,
-    ) -> CarriedOut {
+    ) -> StepFlows {
         let (mut delivered_w, mut shed_w, mut end) = (0.0, vec![0.0; states.len()], states.to_vec());
         for (m, string) in self.strings().iter().enumerate() {
             for _ in 0..parts {
@@ -194,6 +195,6 @@ impl ControlModel {
                 end[m] = flow.end;
             }
         }
-        CarriedOut { request_w, delivered_w, shed_w, end }
+        StepFlows { request_w, delivered_w, shed_w, end }
     }
 }

@@ -38,7 +38,7 @@ enum Scale {
     /// Constant [W].
     At(f64),
     /// `R I / V` is constant, so that heat and price are proportional to the power, with this factor.
-    Follows(f64),
+    Proportional(f64),
 }
 
 /// Part of a segment of the loss table: delivered power `[p0, p1]`, on which loss and internal power are linear,
@@ -67,7 +67,7 @@ pub(crate) struct Response {
     pub shed_w: f64,
 }
 
-/// Cost of a string in a step over its request, as the Lagrangian sees it.
+/// Cost of a string in a step over its request, in the Lagrangian.
 pub(crate) trait StringCost {
     /// Response of a string whose inverter is on.
     fn on(&self, price: f64) -> Response;
@@ -86,7 +86,7 @@ pub(crate) trait StringCost {
         false
     }
 
-    /// Whether the inverter is on in any case.
+    /// Whether the inverter must be on.
     fn is_on(&self) -> bool {
         false
     }
@@ -115,25 +115,26 @@ impl CostCurve {
                 terms.deliverable_w.min(curve.largest_power(0.25 * terms.power_scale_w.high))
             }
         };
-        let largest = deliverable.min(terms.derating.high * terms.limit_w);
-        let sure = terms.derating.low * terms.limit_w;
-        let [from_g, to_g] = out.following();
+        let max_w = deliverable.min(terms.derating.high * terms.limit_w);
+        let guaranteed_w = terms.derating.low * terms.limit_w;
+        let [from_g, to_g] = out.interior_range();
         for (p, w) in curve.power().windows(2).zip(curve.loss().windows(2)) {
             let slope = (w[1] - w[0]) / (p[1] - p[0]);
             let loss = |x: f64| w[0] + slope * (x - p[0]);
             let start = curve.internal_w(p[0], w[0]);
-            let at = |g: f64| p[0] + (g - start) / out.through(slope);
+            let at = |g: f64| p[0] + (g - start) / out.internal_slope(slope);
             // Without a price of the scale, its upper end has the lowest cost at any power.
             let changes = if terms.scale_price > 0.0 { [0.0, from_g, to_g].map(at) } else { [p[1]; 3] };
             let [first, second, third] = changes;
-            let mut ends = [sure, first, second, third, p[1]].map(|x| if x < p[1] { x } else { p[1] });
+            let mut ends =
+                [guaranteed_w, first, second, third, p[1]].map(|x| if x < p[1] { x } else { p[1] });
             ends.sort_unstable_by(f64::total_cmp);
             let mut from = p[0];
-            for to in ends.map(|end| end.min(largest)) {
+            for to in ends.map(|end| end.min(max_w)) {
                 if to > from {
                     out.push(curve, (from, loss(from)), (to, loss(to)), slope);
                     from = to;
-                    if to <= sure {
+                    if to <= guaranteed_w {
                         out.split = out.pieces.len();
                     }
                 }
@@ -154,8 +155,8 @@ impl CostCurve {
         }
     }
 
-    /// Internal powers between which the cheapest `V^2 / R` lies inside its range [W].
-    fn following(&self) -> [f64; 2] {
+    /// Range of internal power in which the cheapest `V^2 / R` is inside its range [W].
+    fn interior_range(&self) -> [f64; 2] {
         let s = self.balanced_share();
         let per_scale =
             if s.is_infinite() { f64::INFINITY } else { s * (1.0 - self.terms.direction.sign() * s) };
@@ -167,7 +168,7 @@ impl CostCurve {
         let (g0, g1) = (curve.internal_w(p0, w0), curve.internal_w(p1, w1));
         let Losses { inverter: c_inverter, battery: c_battery, .. } = self.terms.costs;
         let Range { low, high } = self.terms.power_scale_w;
-        let [from_g, to_g] = self.following();
+        let [from_g, to_g] = self.interior_range();
         let middle = 0.5 * (g0 + g1);
         let (scale, price_of) = if self.terms.scale_price == 0.0 {
             (Scale::At(high), 0.0)
@@ -179,23 +180,23 @@ impl CostCurve {
         } else if middle >= to_g {
             (Scale::At(high), high)
         } else {
-            (Scale::Follows(self.heat_slope(self.balanced_share())), 0.0)
+            (Scale::Proportional(self.heat_slope(self.balanced_share())), 0.0)
         };
         let heat = |g: f64| match scale {
             Scale::At(y) => heat_w(g, y, self.terms.direction),
-            Scale::Follows(factor) => factor * g,
+            Scale::Proportional(factor) => factor * g,
         };
         let OperatingTerms { scale_price, power_price, .. } = self.terms;
         let q =
             |w: f64, g: f64| c_inverter * w + c_battery * heat(g) + power_price * g + scale_price * price_of;
-        let through = self.through(loss_slope);
+        let internal_slope = self.internal_slope(loss_slope);
         let slope = |g: f64| {
             let heat_slope = match scale {
                 _ if c_battery == 0.0 => 0.0,
                 Scale::At(y) => self.heat_slope(heat_share(g / y, self.terms.direction)),
-                Scale::Follows(factor) => factor,
+                Scale::Proportional(factor) => factor,
             };
-            c_inverter * loss_slope + through * (c_battery * heat_slope + power_price)
+            c_inverter * loss_slope + internal_slope * (c_battery * heat_slope + power_price)
         };
         let piece = Piece {
             p0,
@@ -224,7 +225,7 @@ impl CostCurve {
 
     /// `dg/dp` on a segment.
     #[inline]
-    fn through(&self, loss_slope: f64) -> f64 {
+    fn internal_slope(&self, loss_slope: f64) -> f64 {
         1.0 + self.terms.direction.sign() * loss_slope
     }
 
@@ -245,7 +246,7 @@ impl CostCurve {
         let pieces = &self.pieces[range];
         if self.convex {
             let Some(last) = pieces.last() else { return (f64::INFINITY, 0.0) };
-            // Of few pieces, counting all is quicker than a search, whose every look waits for the one before.
+            // Counting in all of the few pieces is faster than a binary search with its dependent reads.
             return match pieces.get(pieces.iter().filter(|piece| piece.slope1 + slope < 0.0).count()) {
                 None => (last.q1 + slope * last.p1, last.p1),
                 Some(piece) if piece.slope0 + slope < 0.0 => self.stationary(piece, slope),
@@ -274,20 +275,20 @@ impl CostCurve {
     #[inline]
     fn stationary(&self, piece: &Piece, slope: f64) -> (f64, f64) {
         let Scale::At(scale) = piece.scale else {
-            // A line that is straight within rounding has its minimum at an end.
+            // A linear piece has its minimum at an end.
             return (piece.q0 + slope * piece.p0, piece.p0);
         };
         let Losses { inverter: c_inverter, battery: c_battery, .. } = self.terms.costs;
         let direction = self.terms.direction;
-        let through = self.through(piece.loss_slope);
-        let linear = c_inverter * piece.loss_slope + self.terms.power_price * through;
-        let heat_slope = -(slope + linear) / (c_battery * through);
+        let internal_slope = self.internal_slope(piece.loss_slope);
+        let linear = c_inverter * piece.loss_slope + self.terms.power_price * internal_slope;
+        let heat_slope = -(slope + linear) / (c_battery * internal_slope);
         let x = match direction {
             Direction::Charge => 0.25 * ((1.0 - heat_slope).powi(-2) - 1.0),
             Direction::Discharge => 0.25 * (1.0 - (1.0 + heat_slope).powi(-2)),
         };
-        let p = (piece.p0 + (x * scale - piece.g0) / through).clamp(piece.p0, piece.p1);
-        let g = piece.g0 + through * (p - piece.p0);
+        let p = (piece.p0 + (x * scale - piece.g0) / internal_slope).clamp(piece.p0, piece.p1);
+        let g = piece.g0 + internal_slope * (p - piece.p0);
         let heat_0 = heat_w(piece.g0, scale, direction);
         let heat = heat_w(g, scale, direction);
         let q = piece.q0 + linear * (p - piece.p0) + c_battery * (heat - heat_0);
@@ -358,9 +359,9 @@ impl StringCost for CostCurve {
             Response { value, request_w: (p / derating.low).min(limit_w), shed_w: 0.0 }
         } else {
             let (value, p) = self.minimise(0..self.split, -shed_cost);
-            let sure = derating.low * limit_w;
-            let value = value + whole + (shed_cost - c_derating) * sure;
-            Response { value, request_w: limit_w, shed_w: (sure - p).max(0.0) }
+            let guaranteed_w = derating.low * limit_w;
+            let value = value + whole + (shed_cost - c_derating) * guaranteed_w;
+            Response { value, request_w: limit_w, shed_w: (guaranteed_w - p).max(0.0) }
         };
         if above.value < below.value {
             above

@@ -24,7 +24,7 @@ pub(crate) struct Commitment {
 }
 
 impl Commitment {
-    /// Every string may be on or off, except those that are on in any case.
+    /// Every string may be on or off, except those that must be on.
     pub fn of(curves: &[impl StringCost]) -> Self {
         let mode = |curve: &_| if StringCost::is_on(curve) { InverterMode::On } else { InverterMode::Free };
         Self { modes: curves.iter().map(mode).collect(), count: None }
@@ -198,11 +198,11 @@ pub(crate) fn maximise(
     }
     let [low, high] =
         [sides[0].or(sides[1]), sides[1].or(sides[0])].map(|side| side.expect("one price was tried"));
-    close(curves, commitment, demand_w, low, high)
+    combine(curves, commitment, demand_w, low, high)
 }
 
 /// The better bound, and the convex combination of both requests that meets the demand.
-fn close(
+fn combine(
     curves: &[impl StringCost],
     commitment: &Commitment,
     demand_w: f64,

@@ -53,7 +53,7 @@ fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -
             let border = border_of(&node.commitment, &dual);
             let leaf = match border {
                 None => dual,
-                Some(_) => maximise(curves, &decided(&node.commitment, &dual), demand_w, dual.price),
+                Some(_) => maximise(curves, &fixed_modes(&node.commitment, &dual), demand_w, dual.price),
             };
             if leaf.bound < best.bound {
                 best = OneStepSolution { price, ..leaf };
@@ -83,7 +83,7 @@ fn border_of(commitment: &Commitment, dual: &OneStepSolution) -> Option<usize> {
 }
 
 /// Commitment with the free strings fixed to their modes in the dual solution.
-fn decided(commitment: &Commitment, dual: &OneStepSolution) -> Commitment {
+fn fixed_modes(commitment: &Commitment, dual: &OneStepSolution) -> Commitment {
     let mut modes = commitment.modes.clone();
     for (rank, &m) in dual.order.iter().enumerate() {
         modes[m] = if rank < dual.n_on { InverterMode::On } else { InverterMode::Off };
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn a_string_that_derates_everything_takes_its_share_with_its_inverter_off() {
+    fn a_fully_derated_string_takes_its_share_with_its_inverter_off() {
         let mut random = fastrand::Rng::with_seed(5);
         for direction in [Direction::Charge, Direction::Discharge] {
             let cool = Inverter::random(&mut random, direction);

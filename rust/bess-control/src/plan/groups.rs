@@ -57,12 +57,12 @@ impl Groups {
         ControlModel::new(&System { strings: self.members.iter().map(group).collect(), cooling: None })
     }
 
-    /// The problem of the groups, with mean states and summed limits. A start of a group counts as starts of the mean
-    /// number of inverters of a group.
+    /// The problem of the groups, with mean states and summed limits. A start of a group costs as much as starts of the mean
+    /// number of inverters in a group.
     ///
     /// # Errors
     ///
-    /// None that the problem of the strings did not have.
+    /// As [`PlanProblem::new`].
     pub(crate) fn problem<'a>(
         &self,
         problem: &PlanProblem<'_>,
@@ -106,7 +106,7 @@ impl Groups {
     }
 
     /// Requests `(G, T)` [W] of the groups in a schedule of the strings `(M, T)`.
-    pub(crate) fn sums(&self, request_w: &[f64], n_steps: usize) -> Vec<f64> {
+    pub(crate) fn aggregated(&self, request_w: &[f64], n_steps: usize) -> Vec<f64> {
         let sum = |(g, t): (usize, usize)| -> f64 {
             self.members[g].iter().map(|m| request_w[m * n_steps + t]).sum()
         };
@@ -115,8 +115,8 @@ impl Groups {
 
     /// Allocates the requests of the groups `(G, T)` [W] to strings. Each group uses the cheaper of two ways:
     /// all inverters, or the number of inverters with minimum loss in each step.
-    pub(crate) fn shared_out<'a>(&self, problem: &'a PlanProblem<'a>, request_w: &[f64]) -> Paths<'a> {
-        let mut ways = cores::map(vec![false, true], |fewer| self.shared_on(problem, request_w, fewer));
+    pub(crate) fn disaggregated<'a>(&self, problem: &'a PlanProblem<'a>, request_w: &[f64]) -> Paths<'a> {
+        let mut ways = cores::map(vec![false, true], |fewer| self.disaggregate(problem, request_w, fewer));
         let (Some(mut fewer), Some(mut shared)) = (ways.pop(), ways.pop()) else { unreachable!("two ways") };
         for members in &self.members {
             let cost = |paths: &Paths<'_>| members.iter().map(|&m| paths.strings[m].total).sum::<f64>();
@@ -127,9 +127,9 @@ impl Groups {
         shared
     }
 
-    fn shared_on<'a>(&self, problem: &'a PlanProblem<'a>, request_w: &[f64], fewer: bool) -> Paths<'a> {
+    fn disaggregate<'a>(&self, problem: &'a PlanProblem<'a>, request_w: &[f64], fewer: bool) -> Paths<'a> {
         let n_steps = problem.n_steps();
-        Paths::shared(problem, |t, points| {
+        Paths::from_policy(problem, |t, points| {
             let mut power = vec![0.0; points.len()];
             if problem.demand_w[t] > 0.0 {
                 let caps = deliverable_w(problem, t, points);
@@ -171,7 +171,7 @@ impl Step<'_> {
             let rank =
                 |m: usize| self.left(m) + if self.points[m].running { SWITCHING_HYSTERESIS } else { 0.0 };
             order.sort_by(|&a, &b| rank(b).total_cmp(&rank(a)));
-            order.truncate(self.number_to_run(&order, total_w));
+            order.truncate(self.count_at_min_loss(&order, total_w));
         }
         let weights: Vec<f64> = order.iter().map(|&m| self.problem.capacity_ah(m) * self.left(m)).collect();
         let caps: Vec<f64> = order.iter().map(|&m| self.caps[m]).collect();
@@ -189,14 +189,14 @@ impl Step<'_> {
     }
 
     /// Number of strings with minimum loss at equal powers, large enough to deliver the power.
-    fn number_to_run(&self, order: &[usize], total_w: f64) -> usize {
+    fn count_at_min_loss(&self, order: &[usize], total_w: f64) -> usize {
         let (problem, t, first) = (self.problem, self.t, order[0]);
-        let mut able_w = 0.0;
+        let mut deliverable_w = 0.0;
         let enough = order.iter().position(|&m| {
-            able_w += self.caps[m];
-            able_w >= total_w
+            deliverable_w += self.caps[m];
+            deliverable_w >= total_w
         });
-        let Some(fewest) = enough.map(|index| index + 1) else { return order.len() };
+        let Some(min_count) = enough.map(|index| index + 1) else { return order.len() };
         let mean = |of: &dyn Fn(&StringState) -> f64| {
             order.iter().map(|&m| of(&self.points[m].state)).sum::<f64>() / order.len() as f64
         };
@@ -209,8 +209,8 @@ impl Step<'_> {
             n as f64 * rate * problem.intervals[t].dt_h
                 + problem.prices.start * n.saturating_sub(on_already) as f64
         };
-        let mut best = (fewest, cost(fewest));
-        for n in fewest + 1..=order.len() {
+        let mut best = (min_count, cost(min_count));
+        for n in min_count + 1..=order.len() {
             let cost = cost(n);
             if cost < best.1 {
                 best = (n, cost);

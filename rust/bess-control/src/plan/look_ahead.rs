@@ -2,7 +2,7 @@
 
 use crate::plan::paths::Paths;
 use crate::plan::problem::{PlanProblem, Point};
-use crate::plan::starts::fill_up;
+use crate::plan::starts::allocate_remainder;
 
 /// Power units per limit of the largest inverter.
 const PARTS: usize = 24;
@@ -16,7 +16,7 @@ pub(crate) struct Group {
 
 /// Cost to go at the start of step `t` of a problem, a sum over groups of strings.
 pub(crate) trait CostToGo {
-    /// What the state of a string contributes, prepared once for all states of its partner.
+    /// Contribution of a string's state, computed once for all states of its partner.
     type End: Copy;
 
     /// Groups; strings out of service belong to no group.
@@ -34,11 +34,11 @@ type Table = Vec<(f64, usize)>;
 /// groups [cost/Wh].
 pub(crate) fn look_ahead<'a, V: CostToGo>(problem: &'a PlanProblem<'a>, values: &V) -> (Paths<'a>, Vec<f64>) {
     let mut price = vec![0.0; problem.n_steps()];
-    let paths = Paths::shared(problem, |t, points| {
+    let paths = Paths::from_policy(problem, |t, points| {
         if problem.demand_w[t] <= 0.0 {
             return vec![0.0; points.len()];
         }
-        let (share, marginal) = share_step(problem, values, t, points);
+        let (share, marginal) = allocate_step(problem, values, t, points);
         price[t] = marginal;
         share
     });
@@ -46,7 +46,7 @@ pub(crate) fn look_ahead<'a, V: CostToGo>(problem: &'a PlanProblem<'a>, values: 
 }
 
 /// Requests of a step `(M,)` [W], and its marginal cost. Power is in units; the allocation is a knapsack over the groups.
-fn share_step<V: CostToGo>(
+fn allocate_step<V: CostToGo>(
     problem: &PlanProblem<'_>,
     values: &V,
     t: usize,
@@ -92,8 +92,8 @@ fn share_step<V: CostToGo>(
             share[second] = power_w(second, k - first);
         }
     }
-    // Limits are not whole units.
-    fill_up(&mut share, demand_w, limit_w);
+    // Limits are not multiples of a unit.
+    allocate_remainder(&mut share, demand_w, limit_w);
     let price = clearing_price(&tables, units) / (unit_w * problem.intervals[t].dt_h);
     (share, price.min(problem.shed_price(t)))
 }

@@ -8,7 +8,7 @@
 //! change from its step on, with its co-states. Two strings at a time exchange power (`pair`): over a block of steps
 //! (`blocks`), or in one step and back in a later one (`sweep`) if the co-states predict a gain.
 //!
-//! Many strings are planned in `groups`: like strings in like states as one, which then share its power.
+//! Large plants are planned in `groups`: similar strings in similar states as one string, whose power is then allocated to them.
 //!
 //! [`StringModel::step_midpoint`]: crate::StringModel::step_midpoint
 
@@ -41,10 +41,10 @@ use crate::rules::Rule;
 /// Minimum gain of a round of moves, as a share of the cost, for another round.
 const MIN_RELATIVE_GAIN: f64 = 2e-4;
 
-/// Distance of the plant's fill from empty and full, above which SOC differences are harmless, and below which they count fully.
+/// Distance of the plant's fill level from empty and full above which SOC balancing has its lowest price, and below which its full.
 const HARMLESS_MARGIN: f64 = 0.3;
 const HARMFUL_MARGIN: f64 = 0.15;
-/// Remaining price factor of harmless SOC differences: equal SOCs simplify planning.
+/// Lowest price factor of SOC balancing: equal SOCs simplify planning.
 const SLACK: f64 = 0.1;
 
 /// Step of the dynamic program of pairs [h]; shorter steps take more time without a gain, unless there are few of them.
@@ -61,12 +61,12 @@ pub struct PlanEffort {
     /// Roll-outs for the shifted warm start, or for the best start of a restart.
     pub rollouts: usize,
     /// Roll-outs for each start of a restart, before the best is chosen; 0 = no restart.
-    pub fresh_rollouts: usize,
+    pub restart_rollouts: usize,
     /// Iterations of the shadow prices in a restart. With 0, it has no starts from dynamic programs.
     pub price_passes: usize,
-    /// SOC cells of the proven bound. None = no bounds of a restart, and its shadow prices are those of longer steps.
+    /// SOC cells of the proven bound. None = a restart computes no bounds, and its shadow prices on longer steps.
     pub proof_cells: Option<usize>,
-    /// Call counter, which selects the moves.
+    /// Number of the call, which selects the moves.
     pub turn: usize,
 }
 
@@ -92,8 +92,8 @@ pub struct Plan {
 }
 
 impl PlanProblem<'_> {
-    /// Plans: the plan `previous` `(M, T)` [W] (magnitudes; made to fit where demand or limits have changed), or, where it
-    /// is missing or costs more, the best rule's schedule, improved by a local search; in a restart, the best of several starts.
+    /// Plans by local search from `previous` `(M, T)` [W] (magnitudes, adapted to changes of demand and limits), or from the schedule
+    /// of the best rule if that costs less; in a restart, from several starts.
     pub fn plan(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> Plan {
         let (mut plan, price) = self.priced(previous, effort);
         plan.bound =
@@ -101,31 +101,31 @@ impl PlanProblem<'_> {
         plan
     }
 
-    /// Plans groups of strings, each as one string, and shares their power out. Costs and bounds are those of the strings, and
-    /// the plan costs at most what `previous` and the rules' schedules cost. A start of a group counts as one of as many
-    /// inverters as a group has in the mean.
+    /// Plans groups of strings, each as one string, and allocates their power. Costs and bounds are those of the strings; the plan
+    /// costs no more than `previous` and the schedules of the rules. A start of a group costs as much as starts of the mean
+    /// number of inverters in a group.
     ///
     /// # Errors
     ///
-    /// None that [`Self::new`] would not have had.
+    /// As [`Self::new`].
     pub fn plan_in_groups(
         &mut self,
         groups: &Groups,
         previous: Option<&[f64]>,
         effort: PlanEffort,
     ) -> Result<Plan, InputError> {
-        let carried = previous.map(|request_w| starts::carried_on(self, request_w));
-        self.aim_for_balance(carried.as_deref());
+        let warm_start = previous.map(|request_w| starts::fit_to_problem(self, request_w));
+        self.set_balancing_reference(warm_start.as_deref());
         let problem: &Self = self;
         let n_steps = problem.n_steps();
         let model = groups.model(problem.model);
-        let sums_w = carried.as_deref().map(|request_w| groups.sums(request_w, n_steps));
-        let (mut plan, price) = groups.problem(problem, &model)?.priced(sums_w.as_deref(), effort);
-        let mut paths = groups.shared_out(problem, &plan.request_w);
-        let rules = cores::map(Rule::ALL.to_vec(), |rule| starts::of_rule(rule, problem));
+        let aggregated_w = warm_start.as_deref().map(|request_w| groups.aggregated(request_w, n_steps));
+        let (mut plan, price) = groups.problem(problem, &model)?.priced(aggregated_w.as_deref(), effort);
+        let mut paths = groups.disaggregated(problem, &plan.request_w);
+        let rules = cores::map(Rule::ALL.to_vec(), |rule| starts::rule_schedule(rule, problem));
         plan.rule_cost = rules.iter().map(Paths::cost).fold(f64::INFINITY, f64::min);
         paths = rules.into_iter().fold(paths, cheaper);
-        if let Some(request_w) = carried {
+        if let Some(request_w) = warm_start {
             paths = cheaper(paths, Paths::new(problem, &request_w));
         }
         plan.cost = paths.cost();
@@ -141,20 +141,20 @@ impl PlanProblem<'_> {
     fn priced(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> (Plan, Option<Vec<f64>>) {
         let n_steps = self.n_steps();
         let size = self.n_strings() * n_steps;
-        let carried = previous.map(|request_w| starts::carried_on(self, request_w));
-        self.aim_for_balance(carried.as_deref());
+        let warm_start = previous.map(|request_w| starts::fit_to_problem(self, request_w));
+        self.set_balancing_reference(warm_start.as_deref());
         let problem: &Self = self;
-        let mut rules = cores::map(Rule::ALL.to_vec(), |rule| starts::of_rule(rule, problem));
+        let mut rules = cores::map(Rule::ALL.to_vec(), |rule| starts::rule_schedule(rule, problem));
         rules.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         let rule_cost = rules[0].cost();
-        let carried = carried.map(|request_w| Paths::new(problem, &request_w));
-        let carried = carried.filter(|carried| carried.cost() <= rule_cost);
-        let mut starts = vec![carried.unwrap_or_else(|| rules.remove(0))];
+        let warm_start = warm_start.map(|request_w| Paths::new(problem, &request_w));
+        let warm_start = warm_start.filter(|warm_start| warm_start.cost() <= rule_cost);
+        let mut starts = vec![warm_start.unwrap_or_else(|| rules.remove(0))];
         let replaced_work: u64 = rules.iter().map(|rule| rule.work).sum();
         let (mut dual, mut cycle) = (None, pair::rounds(self.n_strings()));
-        if effort.fresh_rollouts > 0 {
-            (starts, dual) = problem.fresh(starts, effort);
-            cycle = problem.cycle_of_all_moves();
+        if effort.restart_rollouts > 0 {
+            (starts, dual) = problem.restart(starts, effort);
+            cycle = problem.rounds_of_all_moves();
         }
         let mut best = starts.into_iter().reduce(cheaper).unwrap_or_else(|| unreachable!("a rule at least"));
         let budget = best.work + (effort.rollouts * size) as u64;
@@ -171,19 +171,19 @@ impl PlanProblem<'_> {
         (plan, dual.map(|dual| dual.price))
     }
 
-    /// Improved schedules from `starts`, and from the dynamic programs of pairs and of single strings. If bounds are asked for,
-    /// with the dual bound, its prices in the steps of the problem.
-    fn fresh<'p>(
+    /// Improved schedules from `starts`, and from the dynamic programs of pairs and of single strings; if requested, the dual bound
+    /// with its prices in the steps of the problem.
+    fn restart<'p>(
         &'p self,
         starts: Vec<Paths<'p>>,
         effort: PlanEffort,
     ) -> (Vec<Paths<'p>>, Option<dual::Dual>) {
         let (n_steps, size, bounded) =
             (self.n_steps(), self.n_strings() * self.n_steps(), effort.proof_cells.is_some());
-        let cycle = self.cycle_of_all_moves();
-        let polish = |mut fresh: Paths<'p>| {
-            improve(&mut fresh, (effort.fresh_rollouts * size) as u64, effort.turn, cycle);
-            fresh
+        let cycle = self.rounds_of_all_moves();
+        let polish = |mut start: Paths<'p>| {
+            improve(&mut start, (effort.restart_rollouts * size) as u64, effort.turn, cycle);
+            start
         };
         let mut found = cores::map(starts, polish);
         if effort.price_passes == 0 {
@@ -193,7 +193,7 @@ impl PlanProblem<'_> {
         let pairs = PairValues::solve(self, per);
         let (ahead, price) = look_ahead(self, &pairs);
         found.push(polish(ahead));
-        // A pair that is the whole plant leaves prices nothing to coordinate.
+        // A plant of one pair needs no prices for coordination.
         if !bounded && pairs.groups().len() < 2 {
             return (found, None);
         }
@@ -207,40 +207,40 @@ impl PlanProblem<'_> {
         let blocks = n_steps.div_ceil(per);
         let of_block = |k: usize| dual.request_w[k / n_steps * blocks + k % n_steps / per];
         let request_w: Vec<_> = (0..size).map(of_block).collect();
-        found.push(polish(Paths::new(self, &starts::carried_on(self, &request_w))));
+        found.push(polish(Paths::new(self, &starts::fit_to_problem(self, &request_w))));
         dual.price = (0..n_steps).map(|t| dual.price[t / per]).collect();
         (found, bounded.then_some(dual))
     }
 
     /// Rounds in which every pair meets and every length of blocks is tried.
-    fn cycle_of_all_moves(&self) -> usize {
+    fn rounds_of_all_moves(&self) -> usize {
         pair::rounds(self.n_strings()).max(blocks::LENGTHS.len())
     }
 
     /// Schedules of several plans, each from another start `(M, T)`.
     pub(crate) fn schedules(&self, effort: PlanEffort) -> Vec<Vec<f64>> {
-        let rules = Rule::ALL.iter().map(|&rule| starts::of_rule(rule, self)).collect();
-        let (found, _) = self.fresh(rules, effort);
+        let rules = Rule::ALL.iter().map(|&rule| starts::rule_schedule(rule, self)).collect();
+        let (found, _) = self.restart(rules, effort);
         let mut found: Vec<Vec<f64>> = found.iter().map(Paths::request_w).collect();
         found.dedup();
         found
     }
 
-    /// SOC differences are measured from the fill of the plant along this plan, and count while the plant will still be
-    /// nearly empty or full.
-    fn aim_for_balance(&mut self, carried: Option<&[f64]>) {
+    /// Sets the reference of SOC balancing to the fill level of the plant along this plan, and its price by the distance from
+    /// empty and full.
+    fn set_balancing_reference(&mut self, warm_start: Option<&[f64]>) {
         if self.prices.balance == 0.0 {
             return;
         }
-        let paths = match carried {
+        let paths = match warm_start {
             Some(request_w) => Paths::new(self, request_w),
-            None => starts::of_rule(Rule::Soc, self),
+            None => starts::rule_schedule(Rule::Soc, self),
         };
         let fill = |t: usize| {
             let capacity: f64 = (0..self.n_strings()).map(|m| self.usable_ah(m, t)).sum();
             let charge =
                 |m: usize| self.usable_ah(m, t) * self.fill_of(m, paths.strings[m].points[t + 1].state);
-            // Without a string in service nothing is out of balance.
+            // No string may be in service.
             (0..self.n_strings()).map(charge).sum::<f64>() / capacity.max(f64::MIN_POSITIVE)
         };
         self.fill = (0..self.n_steps()).map(fill).collect();
@@ -278,8 +278,8 @@ fn start_charge(paths: &mut Paths<'_>) -> f64 {
 }
 
 /// Moves of all pairs of a round, on all cores. Each pair has an equal part of the remaining budget.
-fn each_pair(paths: &mut Paths<'_>, round: usize, budget: u64, moves: impl Fn(&mut Pair<'_, '_>) + Sync) {
-    let pairs: Vec<_> = pair::tournament(paths.strings.len(), round).collect();
+fn move_pairs(paths: &mut Paths<'_>, round: usize, budget: u64, moves: impl Fn(&mut Pair<'_, '_>) + Sync) {
+    let pairs: Vec<_> = pair::round_robin(paths.strings.len(), round).collect();
     let budget = budget.saturating_sub(paths.work).div_ceil(pairs.len().max(1) as u64);
     if budget == 0 {
         return;
@@ -294,15 +294,15 @@ fn each_pair(paths: &mut Paths<'_>, round: usize, budget: u64, moves: impl Fn(&m
     paths.work += moved.iter().sum::<u64>();
 }
 
-/// Rounds of moves until `cycle` of them gain too little, or the budget is used up. A plan that is carried along was tried
-/// with all moves in the steps before: where every pair has met once in vain, little is left to find.
+/// Rounds of moves until `cycle` of them gain too little, or the budget is used up. A warm start has been
+/// improved by all moves in earlier calls: if one cycle of all pairs gains nothing, further cycles gain little.
 fn improve(paths: &mut Paths<'_>, budget: u64, turn: usize, cycle: usize) {
     let mut at_start = paths.cost();
     for round in turn.. {
         let cost = paths.cost();
-        each_pair(paths, round, budget, |pair| sweep::sweep(pair, cost));
+        move_pairs(paths, round, budget, |pair| sweep::sweep(pair, cost));
         let length = blocks::LENGTHS[round % blocks::LENGTHS.len()];
-        each_pair(paths, round, budget, |pair| blocks::rearrange(pair, length, round));
+        move_pairs(paths, round, budget, |pair| blocks::rearrange(pair, length, round));
         if paths.work >= budget || paths.strings.len() < 2 {
             return;
         }

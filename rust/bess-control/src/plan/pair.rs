@@ -66,7 +66,7 @@ impl Pair<'_, '_> {
     }
 
     /// Cost of both strings with other requests from step `from` on. The evaluation stops with the expected cost as soon as
-    /// this is not below `most`.
+    /// this exceeds `most`.
     ///
     /// The co-states give the remaining cost from the present states: to first order during the roll-out, exactly at the end. As
     /// long as requests differ, `to_come` is the expected change by later requests; minus infinity if unknown.
@@ -88,7 +88,7 @@ impl Pair<'_, '_> {
         }
     }
 
-    /// Co-states of both schedules, which count as work even where they are known already.
+    /// Renews the co-states of both schedules; they count as work in any case.
     pub fn renew_if_changed(&mut self) {
         self.first.renew_if_changed();
         self.second.renew_if_changed();
@@ -114,7 +114,7 @@ impl Pair<'_, '_> {
 }
 
 /// Pairs of one round of a round-robin schedule, which covers every pair once in [`rounds`] rounds (circle method).
-pub(crate) fn tournament(n: usize, round: usize) -> impl Iterator<Item = (usize, usize)> {
+pub(crate) fn round_robin(n: usize, round: usize) -> impl Iterator<Item = (usize, usize)> {
     let even = n + n % 2;
     let seat = move |k: usize| if k == 0 { 0 } else { 1 + (k - 1 + round) % (even - 1).max(1) };
     (0..even / 2)
@@ -135,7 +135,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_pair_at_its_limits_has_no_room_and_keeps_its_sum(
+        fn a_pair_at_its_limits_cannot_exchange_power_and_keeps_its_sum(
             first in 1e3..1e6f64, second in 1e3..1e6f64, scale in 0.999..1.001f64, share in -0.1..1.1f64,
         ) {
             let sum = (scale * (first + second)).min(first + second);
@@ -150,13 +150,13 @@ mod tests {
     }
 
     #[test]
-    fn everybody_meets_everybody_else_once() {
+    fn every_pair_meets_once() {
         for n in 2..=9 {
-            let mut met: Vec<_> = (0..rounds(n)).flat_map(|r| tournament(n, r)).collect();
+            let mut met: Vec<_> = (0..rounds(n)).flat_map(|r| round_robin(n, r)).collect();
             met.sort_unstable();
             let all: Vec<_> = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))).collect();
             assert_eq!(met, all, "{n} strings");
         }
-        assert_eq!(tournament(1, 0).count(), 0);
+        assert_eq!(round_robin(1, 0).count(), 0);
     }
 }

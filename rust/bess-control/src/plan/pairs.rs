@@ -11,7 +11,7 @@ use crate::model::StringState;
 use crate::plan::look_ahead::{CostToGo, Group};
 use crate::plan::nodes::Nodes;
 use crate::plan::pair::Room;
-use crate::plan::problem::{kind_of_each, kinds, PlanProblem, Point};
+use crate::plan::problem::{kind_indices, kinds, PlanProblem, Point};
 use crate::rules::water_fill;
 
 /// Number of SOC nodes. A plan for seven days of two reference strings costs 1.5 % more with 25, and the same with 41.
@@ -32,7 +32,7 @@ struct Grid {
 /// Four nodes and their weights: bilinear interpolation at a state.
 pub(crate) type Corners = [(u32, f32); 4];
 
-/// The one node of a string that is missing.
+/// The only node of a missing second string.
 const NO_STRING: Corners = [(0, 1.0), (0, 0.0), (0, 0.0), (0, 0.0)];
 
 impl Grid {
@@ -75,35 +75,35 @@ impl Grid {
 #[derive(Debug)]
 pub(crate) struct PairValues {
     groups: Vec<Group>,
-    /// Kind of each group: identical pairs share a function.
+    /// Kind of each group: identical pairs have one value function.
     kind_of: Vec<usize>,
     /// Cost to go of each kind, at each time `(n_first, n_second)`; a string without a partner has one column.
     planes: Vec<Vec<Vec<f32>>>,
     /// Of each string `(M,)`.
     grids: Vec<Grid>,
-    /// Steps of the problem in one of the pairs.
-    per: usize,
+    /// Steps of the problem in one step of the program.
+    step_ratio: usize,
 }
 
 impl PairValues {
-    /// Solves all pairs in steps `per` times as long as those of the problem.
-    pub fn solve(problem: &PlanProblem<'_>, per: usize) -> Self {
-        let problem = &problem.coarsened(per);
+    /// Solves all pairs in steps `step_ratio` times as long as those of the problem.
+    pub fn solve(problem: &PlanProblem<'_>, step_ratio: usize) -> Self {
+        let problem = &problem.coarsened(step_ratio);
         let grids: Vec<Grid> = (0..problem.n_strings()).map(|m| Grid::new(problem, m)).collect();
         let pair = |pair: &[usize]| Group { first: pair[0], second: pair.get(1).copied() };
-        let groups: Vec<Group> = in_pairs(problem).chunks(2).map(pair).collect();
-        let alike = |a: usize, b: usize| {
+        let groups: Vec<Group> = pairing(problem).chunks(2).map(pair).collect();
+        let same_kind = |a: usize, b: usize| {
             let (a, b) = (groups[a], groups[b]);
-            problem.alike(a.first, b.first)
+            problem.same_kind(a.first, b.first)
                 && match (a.second, b.second) {
-                    (Some(a), Some(b)) => problem.alike(a, b),
+                    (Some(a), Some(b)) => problem.same_kind(a, b),
                     (a, b) => a == b,
                 }
         };
-        let kinds = kinds(0..groups.len(), alike);
-        let kind_of = kind_of_each(&kinds, groups.len());
+        let kinds = kinds(0..groups.len(), same_kind);
+        let kind_of = kind_indices(&kinds, groups.len());
         let planes = cores::map(kinds, |kind| solve(problem, &grids, groups[kind[0]]));
-        Self { groups, kind_of, planes, grids, per }
+        Self { groups, kind_of, planes, grids, step_ratio }
     }
 }
 
@@ -121,7 +121,7 @@ impl CostToGo for PairValues {
     /// Interpolated between the times before and after.
     fn cost(&self, group: usize, t: usize, first: Corners, second: Option<Corners>) -> f64 {
         let planes = &self.planes[self.kind_of[group]];
-        let time = (t as f64 / self.per as f64).min((planes.len() - 1) as f64);
+        let time = (t as f64 / self.step_ratio as f64).min((planes.len() - 1) as f64);
         let index = (time as usize).min(planes.len() - 2);
         let (before, after, late) = (&planes[index], &planes[index + 1], (time - index as f64) as f32);
         let second_nodes = before.len() / self.grids[self.groups[group].first].len();
@@ -137,7 +137,7 @@ impl CostToGo for PairValues {
 }
 
 /// Strings in service in pairs: identical strings, the fullest with the emptiest.
-fn in_pairs(problem: &PlanProblem<'_>) -> Vec<usize> {
+fn pairing(problem: &PlanProblem<'_>) -> Vec<usize> {
     let mut order = vec![];
     for mut kind in problem.kinds() {
         kind.sort_by(|&a, &b| problem.start[a].soc.total_cmp(&problem.start[b].soc));
@@ -154,8 +154,8 @@ fn in_pairs(problem: &PlanProblem<'_>) -> Vec<usize> {
     order
 }
 
-/// Part of a group in the demand of a step [W]: by capacity, within its limits.
-fn part_of_demand(problem: &PlanProblem<'_>, group: Group, t: usize) -> f64 {
+/// Share of a group in the demand of a step [W]: by capacity, within its limits.
+fn demand_share_w(problem: &PlanProblem<'_>, group: Group, t: usize) -> f64 {
     let capacity: Vec<f64> = (0..problem.n_strings()).map(|m| problem.usable_ah(m, t)).collect();
     let power = water_fill(problem.demand_w[t], &capacity, problem.limits_w(t));
     power[group.first] + group.second.map_or(0.0, |m| power[m])
@@ -164,36 +164,37 @@ fn part_of_demand(problem: &PlanProblem<'_>, group: Group, t: usize) -> f64 {
 /// A share of a step: cost and end state for each node of a string.
 type Moves = Vec<(f32, Corners)>;
 
-/// Least cost to go before some shares of a step, the second string in rows, and the intermediate results of a share: kept from
-/// step to step, and few, so that they stay in the cache.
+/// Minimum cost to go over some shares of a step, with the second string in rows, and intermediate results of a share. Few of
+/// these are kept from step to step, so that they stay in the cache.
 #[derive(Debug, Clone)]
-struct Shared {
-    half: Vec<f32>,
-    turned: Vec<f32>,
-    least: Vec<f32>,
+struct Workspace {
+    product: Vec<f32>,
+    transposed: Vec<f32>,
+    min_cost: Vec<f32>,
 }
 
 /// Costs to go of a pair at each time.
 fn solve(problem: &PlanProblem<'_>, grids: &[Grid], group: Group) -> Vec<Vec<f32>> {
     let Group { first, second } = group;
     let (n_a, n_b) = (grids[first].len(), second.map_or(1, |m| grids[m].len()));
-    let symmetric = second.is_some_and(|m| problem.alike(first, m));
+    let symmetric = second.is_some_and(|m| problem.same_kind(first, m));
     let of_string = |m: usize, node: usize| problem.end_cost(m, grids[m].state(node)) as f32;
     let end = |x: usize| of_string(first, x / n_b) + second.map_or(0.0, |m| of_string(m, x % n_b));
     let mut planes = vec![(0..n_a * n_b).map(end).collect::<Vec<f32>>(); problem.n_steps() + 1];
     let (mut moves_a, mut moves_b): (Moves, Moves) = (vec![], vec![]);
     let nodes = vec![0.0; n_a * n_b];
     let n_parts = cores::threads(SHARES + 1);
-    let mut parts = vec![Shared { half: nodes.clone(), turned: nodes.clone(), least: nodes }; n_parts];
-    let mut same_as: Option<usize> = None;
+    let mut parts =
+        vec![Workspace { product: nodes.clone(), transposed: nodes.clone(), min_cost: nodes }; n_parts];
+    let mut prepared: Option<usize> = None;
     for t in (0..problem.n_steps()).rev() {
-        let sum_w = part_of_demand(problem, group, t);
+        let sum_w = demand_share_w(problem, group, t);
         let room = Room::of(sum_w, problem.limit_w(first, t), second.map_or(0.0, |m| problem.limit_w(m, t)));
         let shares = if room.is_open() { SHARES } else { 0 };
         // Identical strings are interchangeable, so half of the shares suffice.
         let used = if symmetric { shares / 2 } else { shares };
-        if !same_as.is_some_and(|s| problem.same_step(s, t)) {
-            same_as = Some(t);
+        if !prepared.is_some_and(|s| problem.same_step(s, t)) {
+            prepared = Some(t);
             moves_a.clear();
             moves_b.clear();
             let moves = |m: usize, power_w: f64| {
@@ -216,21 +217,21 @@ fn solve(problem: &PlanProblem<'_>, grids: &[Grid], group: Group) -> Vec<Vec<f32
         }
         let (before, after) = planes.split_at_mut(t + 1);
         let each = parts.iter_mut().enumerate().collect();
-        cores::map(each, |(part, shared): (usize, &mut Shared)| {
-            shared.least.fill(f32::INFINITY);
+        cores::map(each, |(part, shared): (usize, &mut Workspace)| {
+            shared.min_cost.fill(f32::INFINITY);
             for k in (part..=used).step_by(n_parts) {
                 lower(&after[0], &moves_a[k * n_a..(k + 1) * n_a], &moves_b[k * n_b..(k + 1) * n_b], shared);
             }
         });
-        let (least, others) = parts.split_at_mut(1);
-        let least = &mut least[0].least;
+        let (min_cost, others) = parts.split_at_mut(1);
+        let min_cost = &mut min_cost[0].min_cost;
         for other in others {
-            least.iter_mut().zip(&other.least).for_each(|(value, &other)| *value = value.min(other));
+            min_cost.iter_mut().zip(&other.min_cost).for_each(|(value, &other)| *value = value.min(other));
         }
         let now = &mut before[t];
-        transpose(least, now, n_a);
+        transpose(min_cost, now, n_a);
         if symmetric && shares > 0 {
-            now.iter_mut().zip(&*least).for_each(|(value, &other)| *value = value.min(other));
+            now.iter_mut().zip(&*min_cost).for_each(|(value, &other)| *value = value.min(other));
         }
     }
     planes
@@ -238,15 +239,15 @@ fn solve(problem: &PlanProblem<'_>, grids: &[Grid], group: Group) -> Vec<Vec<f32
 
 widest! {
     /// Lowers costs to go to those before a share of a step, from those after it `(n_first, n_second)` and the moves of both strings.
-    fn lower(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)], shared: &mut Shared) {
-        let Shared { half, turned, least } = shared;
+    fn lower(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)], shared: &mut Workspace) {
+        let Workspace { product, transposed, min_cost } = shared;
         let (n_a, n_b) = (first.len(), second.len());
-        for (row, &a) in half.chunks_exact_mut(n_b).zip(first) {
+        for (row, &a) in product.chunks_exact_mut(n_b).zip(first) {
             interpolate(after, a, n_b, |i, value| row[i] = value);
         }
-        transpose(half, turned, n_b);
-        for (row, &b) in least.chunks_exact_mut(n_a).zip(second) {
-            interpolate(turned, b, n_a, |i, value| row[i] = row[i].min(value));
+        transpose(product, transposed, n_b);
+        for (row, &b) in min_cost.chunks_exact_mut(n_a).zip(second) {
+            interpolate(transposed, b, n_a, |i, value| row[i] = row[i].min(value));
         }
     }
 }
@@ -293,7 +294,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_matrix_of_any_shape_is_transposed() {
+    fn matrices_of_any_shape_are_transposed() {
         for (rows, columns) in [(1, 5), (7, 30), (8, 8), (9, 8), (13, 21), (297, 264)] {
             let from: Vec<f32> = (0..rows * columns).map(|x| x as f32).collect();
             let mut to = vec![-1.0; from.len()];

@@ -1,5 +1,5 @@
-//! A plan with the state and the cost of every string along it, so that a change is costed from the changed step on and
-//! only for the strings that it touches; and the co-states along it, the marginal cost of charge and temperature.
+//! An incremental roll-out: a plan with the states and costs of every string, so that a change is evaluated from its step on
+//! and for the affected strings only; and co-states, the marginal costs of charge and temperature.
 
 use crate::model::StringState;
 use crate::plan::problem::{PlanProblem, Point};
@@ -17,13 +17,13 @@ pub(crate) struct Path<'a> {
     pub request_w: Vec<f64>,
     /// `(T + 1,)`.
     pub points: Vec<Point>,
-    /// Cost, that of the end included.
+    /// Cost, including that of the final state.
     pub total: f64,
     /// Co-states: derivatives of the remaining cost at the start of each step `(T + 1,)`, from a backward pass of difference
-    /// quotients along the schedule that they were renewed for.
+    /// quotients along the schedule of the last renewal.
     pub by_soc: Vec<f64>,
     pub by_temperature: Vec<f64>,
-    /// Whether that is the present schedule.
+    /// Whether this is the present schedule.
     co_states_known: bool,
 }
 
@@ -47,7 +47,7 @@ impl<'a> Path<'a> {
     /// Rolls the requests out from step `from` on.
     pub fn roll(&mut self, from: usize) {
         (from..self.request_w.len()).for_each(|t| self.advance(t));
-        self.close();
+        self.add_end_cost();
     }
 
     #[inline]
@@ -55,8 +55,8 @@ impl<'a> Path<'a> {
         self.points[t + 1] = self.step(t, &self.points[t], self.request_w[t]);
     }
 
-    /// The cost with that of the end.
-    fn close(&mut self) {
+    /// Adds the cost of the final state.
+    fn add_end_cost(&mut self) {
         let last = self.points[self.request_w.len()];
         self.total = last.cost + self.problem.end_cost(self.string, last.state);
         self.co_states_known = false;
@@ -68,14 +68,14 @@ impl<'a> Path<'a> {
         self.problem.step(self.string, t, from, request_w)
     }
 
-    /// One step from the present path, by the request: what depends on the state alone is computed once.
+    /// One step from the present path as a function of the request; coefficients of the state are computed once.
     pub fn choices(&self, t: usize) -> impl Fn(f64) -> Point + '_ {
         let (string, here) = (self.string, self.points[t]);
         let c = self.problem.coefficients(string, t, here.state);
         move |request_w| self.problem.step_from(|| c, (string, t), &here, request_w)
     }
 
-    /// Renews the co-states, unless the schedule is still the one they belong to.
+    /// Renews the co-states if the schedule has changed.
     pub fn renew_if_changed(&mut self) {
         if !self.co_states_known {
             self.renew(0);
@@ -130,17 +130,20 @@ impl<'a> Paths<'a> {
         paths
     }
 
-    /// The plan whose requests of a step `share` gives, by its index and where the strings stand [W].
-    pub fn shared(problem: &'a PlanProblem<'a>, mut share: impl FnMut(usize, &[Point]) -> Vec<f64>) -> Self {
+    /// The plan of a feedback policy, which returns the requests [W] of a step from its index and the states of the strings.
+    pub fn from_policy(
+        problem: &'a PlanProblem<'a>,
+        mut policy: impl FnMut(usize, &[Point]) -> Vec<f64>,
+    ) -> Self {
         let mut paths = Self::at_start(problem, &vec![0.0; problem.n_strings() * problem.n_steps()]);
         for t in 0..problem.n_steps() {
             let points: Vec<_> = paths.strings.iter().map(|path| path.points[t]).collect();
-            for (path, request_w) in paths.strings.iter_mut().zip(share(t, &points)) {
+            for (path, request_w) in paths.strings.iter_mut().zip(policy(t, &points)) {
                 path.request_w[t] = request_w;
                 path.advance(t);
             }
         }
-        paths.strings.iter_mut().for_each(Path::close);
+        paths.strings.iter_mut().for_each(Path::add_end_cost);
         paths
     }
 

@@ -12,7 +12,7 @@ use crate::model::{
 use crate::reactive::curve_at_power_factor;
 
 /// Margin of a grid above the hottest string without derating [K].
-const WARMING_K: f64 = 35.0;
+const GRID_MARGIN_K: f64 = 35.0;
 
 /// Prices of a plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,8 +29,7 @@ pub struct Prices {
     pub end_charge: f64,
 }
 
-/// A string at the start of a step: state, accumulated cost, and whether its inverter ran in the step before, that is,
-/// delivered power.
+/// A string at the start of a step: state, accumulated cost, and whether its inverter delivered power in the previous step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Point {
     pub state: StringState,
@@ -68,14 +67,14 @@ pub struct PlanProblem<'a> {
     inverters: Vec<usize>,
 }
 
-/// Lists of items that are alike.
+/// Groups items of the same kind.
 pub(crate) fn kinds(
     items: impl IntoIterator<Item = usize>,
-    alike: impl Fn(usize, usize) -> bool,
+    same_kind: impl Fn(usize, usize) -> bool,
 ) -> Vec<Vec<usize>> {
     let mut kinds: Vec<Vec<usize>> = vec![];
     for item in items {
-        match kinds.iter_mut().find(|kind| alike(kind[0], item)) {
+        match kinds.iter_mut().find(|kind| same_kind(kind[0], item)) {
             Some(kind) => kind.push(item),
             None => kinds.push(vec![item]),
         }
@@ -84,7 +83,7 @@ pub(crate) fn kinds(
 }
 
 /// The kind of each of `n` items, 0 for those of no kind.
-pub(crate) fn kind_of_each(kinds: &[Vec<usize>], n: usize) -> Vec<usize> {
+pub(crate) fn kind_indices(kinds: &[Vec<usize>], n: usize) -> Vec<usize> {
     let mut of_each = vec![0; n];
     for (kind, items) in kinds.iter().enumerate() {
         items.iter().for_each(|&item| of_each[item] = kind);
@@ -96,7 +95,7 @@ impl<'a> PlanProblem<'a> {
     /// Checks a problem.
     ///
     /// `start` and `running` `(M,)`: measured states, and whether each inverter is on. `demand_w` `(T,)` has no sign, which is
-    /// in `intervals`; demand above the sum of the limits `limit_w` `(M, T)` of a step is excluded.
+    /// in `intervals`; demand above the sum of the limits `limit_w` `(M, T)` of a step is ignored.
     ///
     /// # Errors
     ///
@@ -186,7 +185,7 @@ impl<'a> PlanProblem<'a> {
         let of_inverter =
             |a: usize, b: usize| strings[a].parameters.inverter == strings[b].parameters.inverter;
         let kinds = kinds(0..n_strings, of_inverter);
-        self.inverters = kind_of_each(&kinds, n_strings);
+        self.inverters = kind_indices(&kinds, n_strings);
         for kind in kinds {
             for (t, &factor) in factors.iter().enumerate() {
                 let curve = strings[kind[0]].loss(self.intervals[t].direction);
@@ -199,7 +198,7 @@ impl<'a> PlanProblem<'a> {
     }
 
     /// The problem in steps `per` times as long: mean demand, ambient temperature, limits and prices of each `per` steps, and the
-    /// loss curves of the first of them. A last one beyond the horizon has the energy of the steps within.
+    /// loss curves of the first of them. A last step beyond the horizon has the energy of the steps within.
     pub(crate) fn coarsened(&self, per: usize) -> Self {
         let n_steps = self.n_steps();
         let blocks: Vec<_> = (0..n_steps).step_by(per).map(|from| from..(from + per).min(n_steps)).collect();
@@ -234,7 +233,7 @@ impl<'a> PlanProblem<'a> {
         coarse
     }
 
-    /// The problem with a sample of at most `n` strings in service, evenly drawn from each kind in order of SOC, whose demand is in
+    /// The problem of a sample of at most `n` strings in service, drawn evenly from each kind in order of SOC, with a demand in
     /// proportion to their limits; and this proportion.
     pub(crate) fn sampled(&self, n: usize) -> (Self, f64) {
         let mut strings: Vec<usize> = vec![];
@@ -263,7 +262,7 @@ impl<'a> PlanProblem<'a> {
         (sample, share)
     }
 
-    /// Length of the steps, which are of one length in dynamic programs [h].
+    /// Length of the steps [h], equal in dynamic programs.
     pub(crate) fn dt_h(&self) -> f64 {
         self.intervals[0].dt_h
     }
@@ -282,7 +281,7 @@ impl<'a> PlanProblem<'a> {
     }
 
     /// Whether two strings are equal except for their states.
-    pub(crate) fn alike(&self, a: usize, b: usize) -> bool {
+    pub(crate) fn same_kind(&self, a: usize, b: usize) -> bool {
         a == b
             || ((0..self.n_steps()).all(|t| self.limit_w(a, t) == self.limit_w(b, t))
                 && self.prices.wear[a] == self.prices.wear[b]
@@ -291,7 +290,7 @@ impl<'a> PlanProblem<'a> {
 
     /// Groups of identical strings in service.
     pub(crate) fn kinds(&self) -> Vec<Vec<usize>> {
-        kinds((0..self.n_strings()).filter(|&m| self.is_in_service(m)), |a, b| self.alike(a, b))
+        kinds((0..self.n_strings()).filter(|&m| self.is_in_service(m)), |a, b| self.same_kind(a, b))
     }
 
     /// Initial temperatures of the strings and their ambient temperatures over the plan [degC].
@@ -300,11 +299,11 @@ impl<'a> PlanProblem<'a> {
         ambient_c.chain(strings.into_iter().map(|m| self.start[m].temperature_c)).collect()
     }
 
-    /// Temperatures of a grid, from the coolest to at least `least_k` above the warmest that strings have without work. The grid
-    /// ends where strings `stop` for their derating, if they do [degC].
+    /// Temperature range of a grid [degC], from the coolest to at least `least_k` above the warmest temperature of idle strings. The grid
+    /// ends at the temperature `stop_c` of full derating, if there is one.
     pub(crate) fn temperatures_to_c(&self, stop: Option<f64>, least_k: f64) -> Range {
         let Range { low, high } = self.temperatures_c(0..self.n_strings());
-        Range { low, high: stop.unwrap_or(high + WARMING_K).max(high + least_k) }
+        Range { low, high: stop.unwrap_or(high + GRID_MARGIN_K).max(high + least_k) }
     }
 
     /// SOC change of a half-full string in a step at full power.
@@ -325,7 +324,7 @@ impl<'a> PlanProblem<'a> {
             (0..self.n_steps()).filter(in_it).count() as f64
         };
         let starts: Range =
-            (0..self.n_strings()).filter(|&k| self.alike(k, m)).map(|k| self.start[k].soc).collect();
+            (0..self.n_strings()).filter(|&k| self.same_kind(k, m)).map(|k| self.start[k].soc).collect();
         let low = (starts.low - steps(Direction::Discharge) * full_step).max(p.soc_min);
         let high = (starts.high + steps(Direction::Charge) * full_step).min(p.soc_max);
         Range { low, high: high.max(low + 1e-3) }
@@ -399,7 +398,7 @@ impl<'a> PlanProblem<'a> {
         (0..self.n_steps()).any(|t| self.limit_w(m, t) > 0.0)
     }
 
-    /// Price of undelivered energy at which no energy is worth delivering [cost/Wh].
+    /// Price of undelivered energy [cost/Wh], an upper bound of the price of the demand.
     #[inline]
     pub(crate) fn shed_price(&self, t: usize) -> f64 {
         self.prices.losses[t].availability.max(self.prices.losses[t].derating)

@@ -4,11 +4,11 @@ use crate::plan::paths::Paths;
 use crate::plan::problem::{PlanProblem, Point};
 use crate::rules::{water_fill, Rule};
 
-/// Relative remainder of an allocated power that counts as rounding and switches no inverter on.
+/// Relative rest of an allocated power that is rounding and switches no inverter on.
 pub(crate) const ROUNDING_SHARE: f64 = 1e-9;
 
-pub(crate) fn of_rule<'a>(rule: Rule, problem: &'a PlanProblem<'a>) -> Paths<'a> {
-    Paths::shared(problem, |t, points| powers(rule, problem, t, points))
+pub(crate) fn rule_schedule<'a>(rule: Rule, problem: &'a PlanProblem<'a>) -> Paths<'a> {
+    Paths::from_policy(problem, |t, points| powers(rule, problem, t, points))
 }
 
 /// Powers of one step. Demand above the total capability is requested within the free inverter power.
@@ -18,17 +18,18 @@ fn powers(rule: Rule, problem: &PlanProblem<'_>, t: usize, points: &[Point]) -> 
         return vec![0.0; points.len()];
     }
     let strings = problem.model.strings();
-    let left = |m: usize| {
+    let usable = |m: usize| {
         let p = &strings[m].parameters;
         let soc = points[m].state.soc;
         p.capacity_ah * problem.intervals[t].direction.pick(p.soc_max - soc, soc - p.soc_min).max(0.0)
     };
-    let cool = |m: usize| {
-        let stop_c = strings[m].parameters.derating.factor.x().last().copied().unwrap_or(f64::INFINITY);
-        strings[m].nominal_w() * (stop_c - points[m].state.temperature_c).max(0.0)
+    let margin = |m: usize| {
+        let full_derating_c =
+            strings[m].parameters.derating.factor.x().last().copied().unwrap_or(f64::INFINITY);
+        strings[m].nominal_w() * (full_derating_c - points[m].state.temperature_c).max(0.0)
     };
     let caps = deliverable_w(problem, t, points);
-    rule.allocate(demand_w, (&caps, problem.limits_w(t)), left, cool, t, ROUNDING_SHARE)
+    rule.allocate(demand_w, (&caps, problem.limits_w(t)), usable, margin, t, ROUNDING_SHARE)
 }
 
 /// Maximum deliverable power of each string in a step, within its limit [W].
@@ -46,7 +47,7 @@ pub(crate) fn deliverable_w(problem: &PlanProblem<'_>, t: usize, points: &[Point
 }
 
 /// The requests `(M, T)` [W] of an earlier plan, adapted to demand and limits.
-pub(crate) fn carried_on(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f64> {
+pub(crate) fn fit_to_problem(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f64> {
     let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
     let mut out = vec![0.0; request_w.len()];
     for t in 0..n_steps {
@@ -57,7 +58,7 @@ pub(crate) fn carried_on(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f6
         if sum > demand {
             power.iter_mut().for_each(|p| *p *= demand / sum);
         }
-        fill_up(&mut power, demand, problem.limits_w(t));
+        allocate_remainder(&mut power, demand, problem.limits_w(t));
         for (m, p) in power.into_iter().enumerate() {
             out[m * n_steps + t] = p;
         }
@@ -65,16 +66,16 @@ pub(crate) fn carried_on(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f6
     out
 }
 
-/// Adds what is missing of the demand: first to strings that are on, in proportion to their headroom, then to the others.
-pub(crate) fn fill_up(power: &mut [f64], demand_w: f64, limit_w: &[f64]) {
+/// Allocates the remaining demand: first to strings that are on, in proportion to their headroom, then to the others.
+pub(crate) fn allocate_remainder(power: &mut [f64], demand_w: f64, limit_w: &[f64]) {
     for running in [true, false] {
         let rest = demand_w - power.iter().sum::<f64>();
         if rest <= ROUNDING_SHARE * demand_w {
             return;
         }
-        let room = |m: usize| if (power[m] > 0.0) == running { limit_w[m] - power[m] } else { 0.0 };
-        let rooms: Vec<f64> = (0..power.len()).map(room).collect();
-        for (p, more) in power.iter_mut().zip(water_fill(rest, &rooms, &rooms)) {
+        let headroom = |m: usize| if (power[m] > 0.0) == running { limit_w[m] - power[m] } else { 0.0 };
+        let headrooms: Vec<f64> = (0..power.len()).map(headroom).collect();
+        for (p, more) in power.iter_mut().zip(water_fill(rest, &headrooms, &headrooms)) {
             *p += more;
         }
     }

@@ -121,7 +121,7 @@ impl StringModel {
     }
 
     /// Smallest and largest current that fills (empties) a string within a step [A].
-    fn room(&self, states: &StateBox, direction: Direction, dt_h: f64) -> Range {
+    fn headroom_a(&self, states: &StateBox, direction: Direction, dt_h: f64) -> Range {
         let p = &self.parameters;
         let per_soc = p.capacity_ah / dt_h;
         let (low, high) = match direction {
@@ -132,7 +132,7 @@ impl StringModel {
     }
 
     /// Smallest and largest current that voltage limits and, in discharge, the root allow [A].
-    fn strongest(&self, c: &CoefficientRanges, direction: Direction) -> Range {
+    fn max_a(&self, c: &CoefficientRanges, direction: Direction) -> Range {
         let (v, r) = (c.voltage_v, c.resistance_ohm);
         let of_voltage = |v: f64, r: f64| self.parameters.voltage_current_a(direction, v, r);
         match direction {
@@ -144,8 +144,14 @@ impl StringModel {
         }
     }
 
-    /// Smallest and largest limit of the AC power over a box, from the currents that `room` and `strongest` return [W].
-    fn limits(&self, c: &CoefficientRanges, room: &Range, strongest: &Range, direction: Direction) -> Range {
+    /// Smallest and largest limit of the AC power over a box [W].
+    fn limits(
+        &self,
+        c: &CoefficientRanges,
+        headroom_a: &Range,
+        max_a: &Range,
+        direction: Direction,
+    ) -> Range {
         let (v, r) = (c.voltage_v, c.resistance_ohm);
         let power = |v: f64, r: f64, current: f64| {
             self.loss(direction).largest_power(current * (v - direction.sign() * (r * current)))
@@ -153,13 +159,13 @@ impl StringModel {
         match direction {
             // The limit by the headroom rises with V and R, the voltage limit falls.
             Direction::Charge => Range {
-                low: power(v.low, r.low, room.low).min(power(v.high, r.high, strongest.low)),
-                high: power(v.high, r.high, room.high).min(power(v.low, r.low, strongest.high)),
+                low: power(v.low, r.low, headroom_a.low).min(power(v.high, r.high, max_a.low)),
+                high: power(v.high, r.high, headroom_a.high).min(power(v.low, r.low, max_a.high)),
             },
             // All rise with V and fall with R.
             Direction::Discharge => Range {
-                low: power(v.low, r.high, room.low.min(strongest.low)),
-                high: power(v.high, r.low, room.high.min(strongest.high)),
+                low: power(v.low, r.high, headroom_a.low.min(max_a.low)),
+                high: power(v.high, r.low, headroom_a.high.min(max_a.high)),
             },
         }
     }
@@ -178,8 +184,9 @@ impl StringModel {
             low: (c.derating.low * requests_w.low).max(0.0),
             high: (c.derating.high * requests_w.high).max(0.0),
         };
-        let (room, strongest) = (self.room(states, direction, interval.dt_h), self.strongest(c, direction));
-        let limit = self.limits(c, &room, &strongest, direction);
+        let (headroom_a, max_a) =
+            (self.headroom_a(states, direction, interval.dt_h), self.max_a(c, direction));
+        let limit = self.limits(c, &headroom_a, &max_a, direction);
         // Power below the minimum power is zero.
         let is_none = |power_w: f64| power_w <= 0.0 || power_w < self.min_power_w();
         let mut cell = Cell {
@@ -198,7 +205,7 @@ impl StringModel {
             cell.shed_w.high = wanted.high;
         }
         let per_ampere = interval.dt_h / p.capacity_ah;
-        let mut sure_end = None;
+        let mut certain_end_soc = None;
         if is_none(cell.delivered_w.high) {
             (cell.delivered_w, cell.may_be_off) = (Range::EMPTY, true);
             cell.shed_soc = states.soc;
@@ -230,19 +237,19 @@ impl StringModel {
                 let high = states.soc.high.min(p.soc_min - per_ampere * low);
                 cell.shed_soc = Range { low: states.soc.low, high: high.max(states.soc.low) };
             }
-            let mut current = Range { low, high: high.min(room.high).max(low) };
+            let mut current = Range { low, high: high.min(headroom_a.high).max(low) };
             let edge = if direction == Direction::Charge { p.soc_max } else { p.soc_min };
-            if cell.shed_w.low > 0.0 && !cell.may_be_off && room.high <= strongest.low {
+            if cell.shed_w.low > 0.0 && !cell.may_be_off && headroom_a.high <= max_a.low {
                 // The string becomes full.
-                sure_end = Some(edge);
-                current = Range { low: current.low.max(room.low).min(current.high), ..current };
+                certain_end_soc = Some(edge);
+                current = Range { low: current.low.max(headroom_a.low).min(current.high), ..current };
             }
             if cell.may_shed() {
                 // Charge that a string cannot deliver, because the power is below the minimum power.
                 let (_, min_w) = curve.at(self.min_power_w());
-                let stranded = 2.0 * per_ampere * min_w.max(0.0) / v.low;
-                if room.low <= strongest.high {
-                    let toward = if direction == Direction::Charge { -stranded } else { stranded };
+                let blocked_soc = 2.0 * per_ampere * min_w.max(0.0) / v.low;
+                if headroom_a.low <= max_a.high {
+                    let toward = if direction == Direction::Charge { -blocked_soc } else { blocked_soc };
                     let end = Range::point(edge).union(&Range::point(edge + toward));
                     cell.shed_soc = cell.shed_soc.union(&end);
                 }
@@ -267,8 +274,8 @@ impl StringModel {
             }
             (cell.current_a, cell.heat_w) = (current, heats);
         }
-        cell.end = self.end(states, &cell, sure_end, interval);
-        if cell.may_shed() && strongest.low < room.high {
+        cell.end = self.end(states, &cell, certain_end_soc, interval);
+        if cell.may_shed() && max_a.low < headroom_a.high {
             // Limited by its voltage, a string can end anywhere.
             cell.shed_soc = cell.shed_soc.union(&cell.end.soc);
         }
@@ -276,12 +283,12 @@ impl StringModel {
     }
 
     /// Final states of a step.
-    fn end(&self, states: &StateBox, cell: &Cell, sure_soc: Option<f64>, interval: &Interval) -> StateBox {
+    fn end(&self, states: &StateBox, cell: &Cell, certain_soc: Option<f64>, interval: &Interval) -> StateBox {
         let p = &self.parameters;
         let per_ampere = -interval.direction.sign() * (interval.dt_h / p.capacity_ah);
         let gained: Range =
             [cell.current_a.low, cell.current_a.high].map(|a| per_ampere * a).into_iter().collect();
-        let (low, high) = match sure_soc {
+        let (low, high) = match certain_soc {
             Some(soc) => (soc, soc),
             None => (states.soc.low + gained.low, states.soc.high + gained.high),
         };

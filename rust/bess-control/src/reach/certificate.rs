@@ -2,7 +2,7 @@
 //! with coefficients frozen along the incumbent.
 
 use super::bound_tightening::TightenedBounds;
-use super::step_bounds::{cheapest_shed, least_cost, StepBounds};
+use super::step_bounds::{cheapest_shed, min_cost, StepBounds};
 use crate::model::{ControlHorizon, CostsOf, Flow, Losses, StateBox};
 
 /// Bounds of one group, with earlier groups limited by their ceilings.
@@ -121,7 +121,7 @@ impl ControlHorizon {
                 (0..n_steps).map(|t| if sheds(t) { self.demand_w[t] } else { 0.0 }).collect();
             let budgets_w: Vec<f64> = max_w.iter().map(|most| most.min(budget_w)).collect();
             let steps = self.step_bounds_along(flows, costs, &budgets_w);
-            bounds.search_bound = least_cost(&steps.bounds, cheapest_shed(costs), &max_w, budget_w);
+            bounds.search_bound = min_cost(&steps.bounds, cheapest_shed(costs), &max_w, budget_w);
         } else {
             bounds.search_bound = optimum.bounds.iter().map(|step| step.phi).sum();
         }
@@ -149,7 +149,7 @@ mod tests {
 
     /// Charge for two of four steps: the first steps shed nothing at their own optima, the last ones do.
     #[test]
-    fn steps_by_themselves_are_no_optimum_together_where_any_of_them_sheds() {
+    fn one_step_optima_are_not_optimal_together_if_one_of_them_sheds() {
         const N_STEPS: usize = 4;
         for (soc, is_optimum) in [(0.5, true), (0.15, false)] {
             let costs = [1e-5; 8];

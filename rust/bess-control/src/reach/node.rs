@@ -29,7 +29,7 @@ pub struct Node {
 
 impl ControlHorizon {
     /// Tightens a node to the schedules that meet the demand with a total availability loss of at most `budget_w`; None if empty.
-    pub fn narrowed(&self, node: &Node, budget_w: f64) -> Option<Node> {
+    pub fn tighten_node(&self, node: &Node, budget_w: f64) -> Option<Node> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let budget_w = budget_w * (1.0 + BUDGET_ROUNDING);
         let mut node = node.untightened();
@@ -166,7 +166,7 @@ impl Node {
     }
 
     fn n_steps(&self) -> usize {
-        // As many more boxes than requests as there are strings.
+        // Each string has one more box than requests.
         self.requests_w.len() / (self.boxes.len() - self.requests_w.len()).max(1)
     }
 }

@@ -12,33 +12,33 @@ use crate::plan::{dual, proof, PlanProblem, Prices};
 const PASSES: usize = 40;
 /// Cells of SOC.
 const SOC_CELLS: usize = 280;
-/// Multipliers of earlier groups, relative to the largest costs of both groups. The bound is concave over them: after the two in
-/// the middle, the one beyond the better.
+/// Multipliers of earlier groups, relative to the largest costs of both groups. The bound is concave in them, so after the two in
+/// the middle only the one next to the better is tried.
 const MULTIPLIERS: [f64; 4] = [0.05, 0.1, 0.2, 0.4];
-/// The multiplier of a group that must not cost anything: any value is free.
-const FREE_MULTIPLIER: f64 = 1.0;
-/// Ceilings up to here do not allow any cost.
+/// Multiplier of groups with a ceiling of zero, for which every multiplier is valid without a deduction.
+const ZERO_CEILING_MULTIPLIER: f64 = 1.0;
+/// Ceiling that counts as zero.
 const NEGLIGIBLE_CEILING: f64 = 1e-9;
 
 impl ControlHorizon {
     /// Lower bound of the objective of the group that follows those with `ceilings`, at most the `objective` of a known
-    /// schedule. 0 if prices bound nothing. Prices ascend on a sample of at most `sample` strings; the bound is that of all strings.
+    /// schedule. 0 if there is no such bound. Prices ascend on a sample of at most `sample` strings; the bound is that of all strings.
     pub fn priced_bound(&self, ceilings: &[f64], objective: f64, sample: usize) -> f64 {
-        let own = self.least_costs(ceilings.len());
-        let earlier: Vec<_> = ceilings.iter().enumerate().map(|(g, &c)| (self.least_costs(g), c)).collect();
+        let own = self.min_costs(ceilings.len());
+        let earlier: Vec<_> = ceilings.iter().enumerate().map(|(g, &c)| (self.min_costs(g), c)).collect();
         let free = earlier.iter().all(|(_, ceiling)| *ceiling <= NEGLIGIBLE_CEILING);
         let bound = |scale: f64| {
-            let (mut costs, mut conceded) = (own, 0.0);
+            let (mut costs, mut ceiling_cost) = (own, 0.0);
             for (before, ceiling) in &earlier {
                 let multiplier =
                     if largest(before) > 0.0 { scale * largest(&own) / largest(before) } else { 0.0 };
                 costs.iter_mut().zip(before).for_each(|(total, cost)| *total += multiplier * cost);
-                conceded += multiplier * ceiling;
+                ceiling_cost += multiplier * ceiling;
             }
-            self.priced(costs, objective + conceded, sample).map_or(0.0, |bound| bound - conceded)
+            self.priced(costs, objective + ceiling_cost, sample).map_or(0.0, |bound| bound - ceiling_cost)
         };
         let best = if free {
-            bound(FREE_MULTIPLIER)
+            bound(ZERO_CEILING_MULTIPLIER)
         } else {
             let [least, less, more, most] = MULTIPLIERS;
             let (below, above) = (bound(less), bound(more));
@@ -82,8 +82,8 @@ impl ControlHorizon {
         problem.ok()
     }
 
-    /// Least costs of the losses of a group over all strings.
-    fn least_costs(&self, group: usize) -> [f64; 4] {
+    /// Minimum costs of the losses of a group over all strings.
+    fn min_costs(&self, group: usize) -> [f64; 4] {
         let costs = self.group_costs(group, CostsOf::Report);
         [0, 1, 2, 3].map(|i| costs.iter().map(|c| c.to_array()[i]).fold(f64::INFINITY, f64::min))
     }
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn no_schedule_within_a_ceiling_costs_less_than_its_priced_bound_and_it_bounds_something() {
+    fn no_schedule_within_a_ceiling_costs_less_than_its_useful_priced_bound() {
         for soc in [0.06, 0.5, 0.95] {
             let horizon = common::horizon(&common::reference(2), SIZE / 2, soc);
             let all = schedules(&horizon);

@@ -49,10 +49,10 @@ mod tests {
     use crate::model::{Interval, StringModel, StringState};
     use crate::tests::common;
 
-    /// What a state at a corner of the box may be beyond the range by rounding.
+    /// Tolerance for rounding.
     const ABOVE: f64 = 1.0 + 1e-12;
 
-    /// At a power that has to be taken, the least heat is that of the largest `V^2 / R` in the box.
+    /// At a given power, the minimum heat occurs at the largest `V^2 / R` of the box.
     #[test]
     fn heat_and_current_of_every_state_and_request_are_in_the_ranges_of_their_box() {
         let system = common::reference(1);
@@ -86,9 +86,9 @@ mod tests {
         }
     }
 
-    /// Boxes anywhere in the domain, narrow and wide, and requests from watts to the nominal power.
+    /// Random boxes of different widths, and requests from watts to the nominal power.
     #[test]
-    fn whatever_a_string_does_from_a_box_is_in_its_reach_and_what_it_sheds_is_foreseen() {
+    fn every_flow_from_a_box_is_in_its_operating_ranges() {
         let system = common::reference(1);
         let string = StringModel::new(system.strings[0].clone());
         let mut random = fastrand::Rng::with_seed(7);

@@ -53,7 +53,7 @@ impl Potential {
         Self { soc, voltage_v, integral }
     }
 
-    /// The segment in which an SOC is, and how far.
+    /// Segment of an SOC, and position in it.
     fn segment(&self, soc: f64) -> (usize, f64) {
         let i = self.soc.partition_point(|s| *s <= soc).clamp(1, self.soc.len() - 1) - 1;
         (i, soc - self.soc[i])
@@ -102,7 +102,7 @@ impl Potential {
 }
 
 impl ControlHorizon {
-    /// Coefficients over a narrowed node by name, each `(M, T)`; planes are closest at the states `near` `(M, T)`. Those
+    /// Coefficients over a tightened node by name, each `(M, T)`; planes are closest at the states `near` `(M, T)`. Those
     /// of the battery and the derating are taken at these states themselves if `frozen`.
     pub fn relaxed(
         &self,
@@ -114,7 +114,7 @@ impl ControlHorizon {
         let n_steps = self.n_steps();
         let mut out: Vec<(_, Vec<f64>)> = vec![];
         for (m, units) in units.iter().enumerate().take(self.n_strings()) {
-            // With the direction of the first step that moves something; the others differ by a hysteresis.
+            // Voltage in the direction of the first step with a demand; the other direction differs by the hysteresis.
             let first = (0..n_steps).find(|&t| self.demand_w[t] > 0.0).unwrap_or(0);
             let potential =
                 Potential::new(self.string(m), self.direction(first), self.start[m].temperature_c);
@@ -153,7 +153,7 @@ impl ControlHorizon {
         let u = of.requests_w[i];
         let (u_lo, u_hi) = ((u.low / unit_w).max(0.0), (u.high / unit_w).max(0.0));
         let may_run = cell.may_run();
-        // Coefficients along a schedule do not follow the states, so the ranges of the boxes do not apply.
+        // Frozen coefficients do not depend on the states, so the ranges of the boxes do not apply.
         let p = match (may_run, frozen) {
             (false, _) => Range::point(0.0),
             (true, false) => cell.delivered_w,
@@ -209,7 +209,7 @@ impl ControlHorizon {
             (y.high, y.high, if must_be_low { states.soc.high } else { states.soc.low })
         };
 
-        // Charge that a unit of V I moves, and energy that a unit of charge moves beyond the potential.
+        // Charge per unit of V I, and energy per unit of charge beyond the change of the potential.
         let per_unit = unit_w * interval.dt_h / string.parameters.capacity_ah;
         let current = Range { low: per_unit / c.voltage_v.high, high: per_unit / c.voltage_v.low };
         let reverse = (-p_low).max(0.0);
@@ -315,14 +315,14 @@ impl StringModel {
             let v = potential.voltages(&path);
             return Range { low: c.voltage_v.low - v.high, high: c.voltage_v.high - v.low };
         }
-        // The voltage of the step less that of the potential, at the same SOC.
+        // The voltage of the step minus that of the potential, at equal SOC.
         let table = self.parameters.ocv_table(direction);
         let at = |soc: f64| states.temperature_c.places(table.y()).map(move |at_c| (soc, at_c));
         let places = states.soc.places(table.x()).flat_map(at);
         let apart: Range = places
             .map(|(soc, at_c)| self.parameters.ocv(direction, soc, at_c) - potential.voltage(soc))
             .collect();
-        // Half the voltage that the charge moved in the step makes up for; downhill it is more than the mean of the step.
+        // Half the change of the voltage by the charge of the step, towards its mean; of the other sign where the voltage falls.
         let slopes = potential.slopes(&path);
         let sign = direction.sign();
         let ends = [

@@ -7,7 +7,7 @@ use bess_tables::Lut;
 
 use crate::model::LossCurve;
 
-/// Width of the step to another inverter, as a share of the nominal power.
+/// Width of the loss step at the start of another inverter, as a share of the nominal power.
 const STEP: f64 = 1e-6;
 
 /// Loss over active power, up to `max_w`, of an inverter that carries `factor` times as much apparent power (R4).

@@ -14,7 +14,7 @@ const ROUNDING_SHARE: f64 = 1e-9;
 struct Inverter<'a> {
     curve: &'a LossCurve,
     active_w: f64,
-    room_var: f64,
+    headroom_var: f64,
     start_w: f64,
 }
 
@@ -45,13 +45,13 @@ impl ControlModel {
         let inverter = |m: usize| {
             let string = &self.strings()[m];
             let (active_w, max_va) = (request_w[m].abs(), limit_va[m].min(string.nominal_w()));
-            let room_var = (max_va * max_va - active_w * active_w).max(0.0).sqrt();
+            let headroom_var = (max_va * max_va - active_w * active_w).max(0.0).sqrt();
             let curve = string.loss(Direction::of(request_w[m]));
-            Inverter { curve, active_w, room_var, start_w: start_w[m] }
+            Inverter { curve, active_w, headroom_var, start_w: start_w[m] }
         };
         let inverters: Vec<_> = (0..n).map(inverter).collect();
-        let room: f64 = inverters.iter().map(|i| i.room_var).sum();
-        Ok(share(&inverters, total_var.min(room)))
+        let headroom: f64 = inverters.iter().map(|i| i.headroom_var).sum();
+        Ok(share(&inverters, total_var.min(headroom)))
     }
 }
 
@@ -61,17 +61,17 @@ fn share(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
         return vec![0.0; inverters.len()];
     }
     let mut reactive_var = solve(inverters, total_var).request_w;
-    // A combination of two responses has rounding errors, which start no inverter and exceed no limit.
+    // Rounding errors of the combination of two responses must not start an inverter or exceed a limit.
     for (q, inverter) in reactive_var.iter_mut().zip(inverters) {
         let is_rounding = inverter.active_w == 0.0 && *q < ROUNDING_SHARE * total_var;
-        *q = if is_rounding { 0.0 } else { q.min(inverter.room_var) };
+        *q = if is_rounding { 0.0 } else { q.min(inverter.headroom_var) };
     }
-    let mut rest_var = total_var - reactive_var.iter().sum::<f64>();
+    let mut remainder_var = total_var - reactive_var.iter().sum::<f64>();
     for (q, inverter) in reactive_var.iter_mut().zip(inverters) {
         if inverter.active_w > 0.0 || *q > 0.0 {
-            let more = rest_var.min(inverter.room_var - *q).max(0.0);
+            let more = remainder_var.min(inverter.headroom_var - *q).max(0.0);
             *q += more;
-            rest_var -= more;
+            remainder_var -= more;
         }
     }
     if !inverters.iter().all(Inverter::is_convex) {
@@ -85,7 +85,7 @@ impl Inverter<'_> {
         self.curve.at(self.active_w.hypot(reactive_var)).0
     }
 
-    /// Cost of a reactive power [W]: loss and start, or nothing of an inverter that is off.
+    /// Cost of a reactive power [W]: loss and start; 0 if the inverter is off.
     fn cost_w(&self, reactive_var: f64) -> f64 {
         match (self.active_w > 0.0, reactive_var > 0.0) {
             (true, _) => self.loss_w(reactive_var),
@@ -99,7 +99,7 @@ impl Inverter<'_> {
     /// The curve is linear in apparent power between knots, with slope `b`: the minimum is at a knot, at an
     /// end, or where the marginal loss `b q / S` equals the price.
     fn best_at(&self, price: f64) -> Response {
-        let (p, most) = (self.active_w, self.active_w.hypot(self.room_var));
+        let (p, most) = (self.active_w, self.active_w.hypot(self.headroom_var));
         let mut best = (self.loss_w(0.0), 0.0);
         let mut consider = |q: f64, loss: f64| {
             if loss - price * q < best.0 {
@@ -115,7 +115,7 @@ impl Inverter<'_> {
             if price > 0.0 && price < slope {
                 let q = p * price / (slope * slope - price * price).sqrt();
                 let apparent = p.hypot(q);
-                if q < self.room_var && (s[0]..=s[1]).contains(&apparent) {
+                if q < self.headroom_var && (s[0]..=s[1]).contains(&apparent) {
                     consider(q, w[0] + slope * (apparent - s[0]));
                 }
             }
@@ -123,7 +123,7 @@ impl Inverter<'_> {
                 consider((s[1] * s[1] - p * p).sqrt(), w[1]);
             }
         }
-        consider(self.room_var, self.loss_w(self.room_var));
+        consider(self.headroom_var, self.loss_w(self.headroom_var));
         Response { value: best.0, request_w: best.1, shed_w: 0.0 }
     }
 
@@ -143,10 +143,10 @@ impl Inverter<'_> {
     }
 
     /// Zero, the reactive powers at the knots of the curve, and the maximum.
-    fn corners(&self) -> impl Iterator<Item = f64> + '_ {
+    fn candidates(&self) -> impl Iterator<Item = f64> + '_ {
         let inside = self.curve.power().iter().filter(|&&s| s > self.active_w);
         let at_knots = inside.map(|s| (s * s - self.active_w * self.active_w).sqrt());
-        at_knots.filter(|&q| q < self.room_var).chain([0.0, self.room_var])
+        at_knots.filter(|&q| q < self.headroom_var).chain([0.0, self.headroom_var])
     }
 }
 
@@ -166,7 +166,7 @@ impl StringCost for Inverter<'_> {
 
     fn largest_request(&self, on: bool) -> f64 {
         if on {
-            self.room_var
+            self.headroom_var
         } else {
             0.0
         }
@@ -177,8 +177,8 @@ impl StringCost for Inverter<'_> {
     }
 }
 
-/// Moves reactive power between pairs of inverters, one of each pair to a corner of its curve, while this saves: the
-/// one-step problem is exact for convex curves only.
+/// Exchanges reactive power between pairs of inverters, one of them to a candidate of its curve, while this saves losses:
+/// the one-step problem is exact for convex curves only.
 fn exchange(inverters: &[Inverter<'_>], shares_var: &mut [f64]) {
     let pairs = || (0..inverters.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
     let mut saves = true;
@@ -192,10 +192,11 @@ fn exchange(inverters: &[Inverter<'_>], shares_var: &mut [f64]) {
             let cost = |q: f64| first.cost_w(q) + second.cost_w(sum - q);
             let now = cost(shares_var[a]);
             let best = first
-                .corners()
-                .chain(second.corners().map(|q| sum - q))
+                .candidates()
+                .chain(second.candidates().map(|q| sum - q))
                 .filter(|&q| {
-                    (0.0..=first.room_var).contains(&q) && (0.0..=second.room_var).contains(&(sum - q))
+                    (0.0..=first.headroom_var).contains(&q)
+                        && (0.0..=second.headroom_var).contains(&(sum - q))
                 })
                 .min_by(|x, y| cost(*x).total_cmp(&cost(*y)));
             if let Some(q) = best.filter(|&q| cost(q) < now * (1.0 - 1e-9)) {
@@ -222,12 +223,12 @@ mod tests {
         LossCurve::new(&Lut::new("w", x, y).unwrap(), Direction::Discharge, NOMINAL_W)
     }
 
-    fn room(active_w: f64) -> f64 {
+    fn headroom(active_w: f64) -> f64 {
         (NOMINAL_W * NOMINAL_W - active_w * active_w).sqrt()
     }
 
     fn inverter(curve: &LossCurve, active_w: f64, start_w: f64) -> Inverter<'_> {
-        Inverter { curve, active_w, room_var: room(active_w), start_w }
+        Inverter { curve, active_w, headroom_var: headroom(active_w), start_w }
     }
 
     fn best(curves: &[LossCurve], active_w: &[f64], total_var: f64) -> Vec<f64> {
@@ -237,7 +238,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn two_inverters_lose_no_more_than_on_any_of_a_thousand_other_shares(
+        fn two_inverters_have_no_higher_losses_than_with_a_thousand_other_shares(
             (a, b, c) in (0.1..2.0, 0.0..2.0, 0.0..3.0f64),
             like: bool,
             powers in (0.0..100.0f64, prop_oneof![Just(0.0), 0.0..100.0f64]),
@@ -245,12 +246,12 @@ mod tests {
         ) {
             let other = if like { curve(a, b, c) } else { curve(0.7, 1.0, 1.0) };
             let (curves, active_w) = ([curve(a, b, c), other], [powers.0, powers.1]);
-            let total_var = part * (room(powers.0) + room(powers.1));
+            let total_var = part * (headroom(powers.0) + headroom(powers.1));
             let found = best(&curves, &active_w, total_var);
             let sum: f64 = found.iter().sum();
             prop_assert!((sum - total_var).abs() <= 1e-9 * (1.0 + total_var));
             for (q, p) in found.iter().zip(active_w) {
-                prop_assert!((0.0..=room(p)).contains(q));
+                prop_assert!((0.0..=headroom(p)).contains(q));
             }
             let cost = |a: f64, b: f64| -> f64 {
                 let one = |curve: &LossCurve, p: f64, q: f64| {
@@ -261,7 +262,7 @@ mod tests {
             let cost_w = cost(found[0], found[1]);
             for k in 0..=1000 {
                 let q = total_var * f64::from(k) / 1000.0;
-                if q <= room(powers.0) && total_var - q <= room(powers.1) {
+                if q <= headroom(powers.0) && total_var - q <= headroom(powers.1) {
                     prop_assert!(cost_w <= cost(q, total_var - q) + 1e-9, "{q}: {cost_w}");
                 }
             }
@@ -277,12 +278,12 @@ mod tests {
             let curve =
                 LossCurve::new(&Lut::new("w", x, y).unwrap(), Direction::Discharge, NOMINAL_W);
             let curves = vec![curve; powers.len()];
-            let total_var = part * powers.iter().map(|&p| room(p)).sum::<f64>();
+            let total_var = part * powers.iter().map(|&p| headroom(p)).sum::<f64>();
             let found = best(&curves, &powers, total_var);
             let marginal: Vec<f64> = powers
                 .iter()
                 .zip(&found)
-                .filter(|(&p, &q)| q < room(p) - 0.5)
+                .filter(|(&p, &q)| q < headroom(p) - 0.5)
                 .map(|(&p, &q)| (0.01 + 4e-4 * p.hypot(q)) * q / p.hypot(q))
                 .collect();
             for value in &marginal {
@@ -292,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn only_as_many_idle_inverters_run_as_save_losses() {
+    fn idle_inverters_start_only_if_they_save_losses() {
         let curves = vec![curve(1.0, 1.0, 0.5); 4];
         let on = |total_var| best(&curves, &[0.0; 4], total_var).iter().filter(|&&q| q > 0.0).count();
         assert_eq!([0.0, 60.0, 100.0, 150.0, 390.0].map(on), [0, 1, 1, 2, 4]);
@@ -301,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn more_idle_inverters_never_cost_more_beside_those_that_run() {
+    fn additional_idle_inverters_never_raise_the_cost() {
         let curve = curve(1.0, 1.0, 0.5);
         let idle = |n: usize| vec![inverter(&curve, 0.0, 2.0); n];
         let running =
@@ -316,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_start_that_costs_more_than_it_saves_is_not_made() {
+    fn no_inverter_starts_if_its_start_costs_more_than_it_saves() {
         let curves = [curve(0.1, 0.0, 3.0), curve(0.1, 0.0, 3.0)];
         let runs = |start_w: f64| {
             share(&[inverter(&curves[0], 50.0, start_w), inverter(&curves[1], 0.0, start_w)], 60.0)[1] > 0.0

@@ -13,7 +13,7 @@ const EDGE_WIDTH: f64 = 1e-9;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Progress {
     state: StringState,
-    /// Of the step that begins; many requests are tried from one state.
+    /// Of the next step; many requests are tried from one state.
     coefficients: Coefficients,
     pub costs: Objectives,
 }

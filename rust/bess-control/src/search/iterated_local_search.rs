@@ -25,13 +25,13 @@ const PRICE_OF_FIRST_GROUP: f64 = 1e3;
 const STRING_STEPS_OF_MOVES: usize = 200_000;
 /// Iterations of the shadow prices, whose schedule is one of these starts.
 const PRICE_PASSES: usize = 20;
-/// Number of strings above which plans start from rules only: the time for dynamic programs grows with its square.
+/// Maximum number of strings for starts from dynamic programs, whose time grows with its square.
 const MAX_STRINGS_WITH_DYNAMIC_PROGRAMS: usize = 64;
 
 impl Search<'_> {
     /// Searches from plans and perturbations, even if every step is optimal at its own states, because other states may be
     /// better.
-    pub(super) fn search_far(&mut self) {
+    pub(super) fn search_distant(&mut self) {
         let horizon = self.horizon;
         for planned_w in horizon.planned() {
             self.improve(horizon.fitted(&planned_w));
@@ -74,8 +74,8 @@ impl Search<'_> {
 }
 
 impl ControlHorizon {
-    /// Requests `(M, T)` of plans that minimise one sum of all groups: dynamic programs place scarce charge and coolness in
-    /// the steps that need them most, where descents from the other starts end in local optima. Empty if it cannot be planned.
+    /// Requests `(M, T)` of plans that minimise one sum of all groups: dynamic programs use scarce charge and thermal
+    /// headroom in the best steps, while descents from other starts end in local optima. Empty if it cannot be planned.
     fn planned(&self) -> Vec<Vec<f64>> {
         let n_strings = self.n_strings();
         let mut blended = [0.0; 4];
@@ -87,7 +87,7 @@ impl ControlHorizon {
         }
         let effort = PlanEffort {
             rollouts: 0,
-            fresh_rollouts: STRING_STEPS_OF_MOVES.div_ceil(self.size()),
+            restart_rollouts: STRING_STEPS_OF_MOVES.div_ceil(self.size()),
             price_passes: if n_strings > MAX_STRINGS_WITH_DYNAMIC_PROGRAMS { 0 } else { PRICE_PASSES },
             proof_cells: None,
             turn: 0,

@@ -14,7 +14,7 @@ const MAX_FINAL_DESCENTS: usize = 3;
 /// Relative gap at which a start is optimal but for rounding: descents gain nothing.
 const EXACT: f64 = 1e-8;
 
-/// Maximum number of rounds: rounding to kW can cancel the gain of an optimum again and again.
+/// Maximum number of rounds: rounding to kW can cancel the gain of an optimum repeatedly.
 const MAX_ROUNDS: usize = 50;
 
 /// Limits of a search.
@@ -31,7 +31,7 @@ pub struct Effort {
 /// The best schedule found, and its bounds.
 #[derive(Debug, Clone)]
 pub struct Split {
-    /// The schedule; its requests survive a conversion to kW and back to the last bit.
+    /// The schedule; its requests are bit-identical after conversion to kW and back.
     pub incumbent: Incumbent,
     /// Flows of the strings under this schedule, `(M, T)`.
     pub flows: Vec<Flow>,
@@ -68,8 +68,8 @@ impl ControlHorizon {
         Split { incumbent, flows, groups, rollouts }
     }
 
-    /// Whether battery losses have a cost: steps then depend on each other away from limits, too, and their optima one by one are
-    /// hardly ever the optimum together.
+    /// Whether battery losses have a cost: steps then depend on each other even away from limits, and the one-step optima are
+    /// rarely optimal for the horizon.
     fn heat_costs(&self) -> bool {
         let costs = |group| self.group_costs(group, CostsOf::Report);
         (0..self.n_groups()).any(|group| costs(group).iter().any(|c| c.battery > 0.0))
@@ -158,7 +158,7 @@ impl Search<'_> {
             self.improve(horizon.fitted(&horizon.limit_w));
         }
         if may_go_far && horizon.is_scarce(&flows) && !self.is_proven(self.effort.gap) {
-            self.search_far();
+            self.search_distant();
         }
     }
 

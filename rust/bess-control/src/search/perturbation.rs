@@ -10,8 +10,7 @@ impl ControlHorizon {
     /// Two strings exchange their requests between two steps; the pairs are neighbours in the order of total requests. Of more
     /// than `most` of them, every second, third, ... is returned.
     ///
-    /// Which of two strings is used first is a decision for many steps: schedules with exchanged strings are far from each
-    /// other.
+    /// The order in which two strings are used affects many steps: schedules with exchanged strings are far from each other.
     pub(crate) fn with_strings_swapped(&self, request_w: &[f64], most: usize) -> Vec<Schedule> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let total = |m: usize| request_w[m * n_steps..(m + 1) * n_steps].iter().sum::<f64>();
@@ -112,11 +111,11 @@ mod tests {
     const DELIVERED_W: [f64; 8] = [0.0, 55e3, 1e3, 1e3, 10e3, 1e3, 1e3, 1e3];
 
     #[test]
-    fn a_string_does_in_one_step_what_it_did_in_another_and_the_other_takes_the_rest() {
+    fn an_exchange_of_two_steps_leaves_the_rest_to_the_other_string() {
         let horizon = horizon(&DEMAND_W);
         let flows: Vec<Flow> = DELIVERED_W.map(flow).to_vec();
         let found = horizon.with_steps_exchanged(&REQUEST_W, &flows, 100);
-        // Steps 2 and 3 of the first string are alike, steps 1, 2 and 3 of the second: 5 + 3 pairs are left.
+        // Steps 2 and 3 of the first string are equal, as are steps 1, 2 and 3 of the second: 5 + 3 pairs remain.
         assert_eq!(found.len(), 8);
         let rows: Vec<&[f64]> = found.iter().map(|s| &s.request_w[..4]).collect();
         assert!(rows.contains(&&[0.0, 1e3, 55e3, 1e3][..]));

@@ -1,4 +1,4 @@
-//! No schedule goes below a bound or leaves the states that it is said to stay in: random schedules, near every end.
+//! No schedule undercuts a bound or leaves its bounded states: random schedules near all limits.
 
 use crate::tests::common;
 use crate::{ControlHorizon, ControlModel, Effort, Losses, SplitProblem, StateBox};
@@ -9,7 +9,7 @@ const N_STEPS: usize = 5;
 const SIZE: usize = N_STRINGS * N_STEPS;
 const EFFORT: Effort = Effort { rollouts: 300, deadline: None, gap: 1e-3 };
 
-/// A plant of strings that differ in size of the inverter table, capacity, resistance and voltage limits, in one corner of its states.
+/// A plant of strings with different inverter tables, capacities, resistances and voltage limits, near some limits of its states.
 struct Case {
     horizon: ControlHorizon,
     costs: Vec<Losses>,
@@ -62,7 +62,7 @@ fn case(corner: usize, seed: u64) -> Case {
     Case { horizon: ControlHorizon::new(model, &problem).unwrap(), costs }
 }
 
-/// Schedules all over the place, and close to a good one.
+/// Random schedules, and schedules close to a good one.
 fn schedules(horizon: &ControlHorizon, seed: u64) -> Vec<Vec<f64>> {
     let best = horizon.split(None, &EFFORT).incumbent.schedule.request_w;
     let mut out = vec![best.clone()];

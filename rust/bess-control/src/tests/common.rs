@@ -12,7 +12,7 @@ pub fn reference(n_strings: usize) -> System {
     System::from_json(&format!(r#"{{"strings": [{}]}}"#, vec![string; n_strings].join(","))).unwrap()
 }
 
-/// A fixed scramble of a number into `[0, 1)`.
+/// Pseudo-random number in `[0, 1)` from a seed.
 pub fn uniform(seed: u64) -> f64 {
     let mut x = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -20,7 +20,7 @@ pub fn uniform(seed: u64) -> f64 {
     ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Case 1 with weights of 1 on a demand of both signs, strings that differ a little in their state.
+/// Case 1 with weights of 1, a demand of both signs, and slightly different states of the strings.
 pub fn horizon(system: &System, n_steps: usize, soc: f64) -> ControlHorizon {
     let n_strings = system.strings.len();
     let model = ControlModel::new(system);

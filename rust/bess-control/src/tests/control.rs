@@ -1,4 +1,4 @@
-//! Properties of the control model and of what the search builds on it, on random states and requests.
+//! Properties of the control model and of the search, on random states and requests.
 
 use crate::tests::common;
 use crate::{ControlModel, Effort, Interval, Range, StateBox, StringModel, StringState};
@@ -16,7 +16,7 @@ fn interval(charge: bool, dt_h: f64) -> Interval {
 
 proptest! {
     #[test]
-    fn power_heat_and_loss_balance_whatever_is_asked(
+    fn power_heat_and_loss_balance_for_any_request(
         charge: bool, soc in 0.0..=1.0, temperature_c in 0.0..65.0, request_w in 0.0..92e3, dt_h in 0.01..1.0,
     ) {
         let (string, interval) = (string(), interval(charge, dt_h));
@@ -50,7 +50,7 @@ proptest! {
     }
 
     #[test]
-    fn the_limit_is_what_a_string_delivers_when_asked_for_all(
+    fn the_limit_is_the_delivered_power_at_full_request(
         charge: bool, soc in 0.0..=1.0, temperature_c in 0.0..45.0, dt_h in 0.05..4.0,
     ) {
         let (string, interval) = (string(), interval(charge, dt_h));
@@ -100,7 +100,7 @@ fn a_split_reports_the_objectives_of_its_schedule_and_is_no_worse_than_the_greed
             assert!(bounds.bound <= bounds.objective);
             assert!(bounds.search_bound <= bounds.search_objective * (1.0 + 1e-9));
         }
-        // Requests that leave as kW and come back are the same bits.
+        // Conversion to kW and back is bit-identical.
         for request_w in &best.request_w {
             let there_and_back = request_w / 1e3 * 1e3;
             assert_eq!(there_and_back, *request_w);
@@ -109,7 +109,7 @@ fn a_split_reports_the_objectives_of_its_schedule_and_is_no_worse_than_the_greed
 }
 
 #[test]
-fn a_search_that_is_late_answers_with_what_it_has() {
+fn a_search_at_its_time_limit_returns_its_incumbent() {
     let horizon = common::horizon(&common::reference(2), 8, 0.03);
     let late = Effort { rollouts: 2000, deadline: Some(std::time::Instant::now()), gap: 1e-3 };
     let all = Effort { rollouts: 2000, deadline: None, gap: 1e-3 };
@@ -134,7 +134,7 @@ proptest! {
             let whole = horizon.fitted(&[0.0; 24]);
             let demand_w: f64 = (0..3).map(|m| whole[m * 8 + t]).sum();
             prop_assert!((asked - demand_w).abs() <= 1e-9 * demand_w.max(1.0), "{asked} W of {demand_w} W");
-            // A string that is not wanted runs only if the others cannot take everything.
+            // A string without weight runs only if the others cannot take all power.
             let idle_runs = (0..3).any(|m| alone > 0.0 && wanted[m * 8 + t] == 0.0 && request_w[m * 8 + t] > 1e-6);
             let full = (0..3).any(|m| request_w[m * 8 + t] > 0.999 * common::NOMINAL_W);
             let n_wanted = (0..3).filter(|m| wanted[m * 8 + t] > 0.0).count();

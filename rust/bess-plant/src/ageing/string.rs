@@ -182,7 +182,7 @@ impl StringAgeing {
     }
 
     /// Capacity lost per equivalent full cycle by half cycles of a depth around a SOC at a C-rate and temperature
-    /// [degC], for a string that has lost `cyclic` so far. The knee is left out.
+    /// [degC], for a string with a loss of `cyclic`. The knee is omitted.
     pub fn cyclic_rate(&self, cyclic: f64, depth: f64, soc: f64, c_rate: f64, temperature_c: f64) -> f64 {
         self.model.map_or(0.0, |model| {
             // A cycle that would leave the SOC window is shifted into it.
@@ -194,7 +194,7 @@ impl StringAgeing {
         })
     }
 
-    /// Capacity lost per day at a SOC and temperature [degC], for a string that has lost `calendar` so far.
+    /// Capacity lost per day at a SOC and temperature [degC], for a string with a loss of `calendar`.
     pub fn calendar_rate(&self, calendar: f64, soc: f64, temperature_c: f64) -> f64 {
         self.model.map_or(0.0, |model| {
             let conditions = CalendarConditions {

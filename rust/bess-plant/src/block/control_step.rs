@@ -73,7 +73,7 @@ impl Block {
     }
 
     pub(crate) fn begin(&mut self, schedule: &Schedule, step: usize) -> ControlStep {
-        // The loss table in force changes with the direction.
+        // The loss table depends on the direction.
         self.loss_lines = Lines::unknown();
         self.integrate_excess(schedule.substeps);
         let member = |l: usize| self.ids[l.min(self.ids.len() - 1)];

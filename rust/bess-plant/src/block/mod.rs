@@ -47,7 +47,7 @@ struct Totals {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ControlStep {
     magnitude_w: Lanes,
-    /// Reactive power asked for, magnitude [var].
+    /// Requested reactive power, magnitude [var].
     reactive_var: Lanes,
     sign: Lanes,
     direction: [Direction; WIDTH],

@@ -16,7 +16,7 @@ struct LaneFlows {
     current_a: Lanes,
     /// Electrical resistance of the string [Ohm].
     resistance: Lanes,
-    /// Factor from a node's stored resistance to the one in force.
+    /// Factor from the stored resistance of a node to its present one.
     node_factor: Lanes,
     soc: Lanes,
 }

@@ -86,7 +86,7 @@ class RelaxedGroup:
             **self._constants.physics(problem),
             # Exchanging two identical strings gives an equally good schedule in the boxes; frozen
             # coefficients belong to one string each.
-            "ordered": np.append(self._constants.alike & _equal_rows(problem.limit_kw) & (not frozen), False),
+            "ordered": np.append(self._constants.same & _equal_rows(problem.limit_kw) & (not frozen), False),
             **costs("cost", per_unit[group] / units[group]),
             **{f"cut_{name}": own[:, i] / self._cut_unit for i, name in enumerate(LOSSES) if name != "a"},
         }
@@ -128,7 +128,7 @@ class RelaxedGroup:
         program = self._program(node, budget_kw)
         if program is None:
             return Solved(cutoff)
-        narrowed, cells, instance = program
+        tightened, cells, instance = program
         answer = conic.solve(*instance)
         self.nodes += 1
         self.failures += answer.bound == -np.inf
@@ -136,7 +136,7 @@ class RelaxedGroup:
         if answer.x is not None:
             p, a, d, on = (self.program.value(answer.x, name) for name in ("p", "a", "d", "on"))
             self._propose(p + a + d, on)
-        cuts = self._cuts(narrowed, cells, answer.x) if bound < cutoff else []
+        cuts = self._cuts(tightened, cells, answer.x) if bound < cutoff else []
         if not cuts:
             return Solved(bound)
 
@@ -148,17 +148,17 @@ class RelaxedGroup:
             gain = conic.lagrangian(*program[2], answer) - conic.lagrangian(*instance, answer)
             return min(bound + gain * self.unit, cutoff)
 
-        return Solved(bound, lambda: self._branching.best(narrowed, bound, cuts, estimate))
+        return Solved(bound, lambda: self._branching.best(tightened, bound, cuts, estimate))
 
     def _program(
         self, node: _core.Node, budget_kw: float
     ) -> tuple[_core.Node, dict[str, Array], Instance] | None:
         """Tightened node, its coefficients and its program; None if the node is empty."""
-        narrowed = self._control.narrowed(node, budget_kw)
-        if narrowed is None:
+        tightened = self._control.tighten_node(node, budget_kw)
+        if tightened is None:
             return None
-        cells, instance = self.instance(narrowed, budget_kw)
-        return narrowed, cells, instance
+        cells, instance = self.instance(tightened, budget_kw)
+        return tightened, cells, instance
 
     def instance(self, node: _core.Node, budget_kw: float) -> tuple[dict[str, Array], Instance]:
         """Return the coefficients over a tightened node by name, each ``(n_strings, n_steps)``, and its

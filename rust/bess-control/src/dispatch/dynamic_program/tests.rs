@@ -57,7 +57,7 @@ fn problem(levels: usize) -> DispatchProblem {
     }
 }
 
-/// Value of a state at a level and a shadow price before block `b`, by its definition: all powers and all that follows.
+/// Value of a state at a level and a shadow price before block `b`, by enumeration of all power sequences.
 fn enumerated(program: &DynamicProgram<'_>, b: usize, [d, t, e]: [usize; 3], l: usize, s: usize) -> f64 {
     let (grid, problem) = (&program.store.grid, program.problem);
     let Some(block) = problem.blocks.get(b) else { return problem.end_eur_kwh * grid.energy_kwh[e] };
@@ -110,7 +110,7 @@ fn enumerated(program: &DynamicProgram<'_>, b: usize, [d, t, e]: [usize; 3], l: 
 }
 
 #[test]
-fn values_are_those_of_the_best_of_all_schedules() {
+fn values_equal_those_of_enumerated_schedules() {
     for (depths, levels, ladder) in
         [(vec![0.0], 1, 1), (vec![0.0, 0.5, 1.0], 1, 1), (vec![0.0, 1.0], 2, 1), (vec![0.0], 1, 2)]
     {
@@ -136,7 +136,7 @@ fn values_are_those_of_the_best_of_all_schedules() {
 }
 
 #[test]
-fn temperatures_out_of_reach_change_no_power() {
+fn unreachable_temperatures_do_not_change_the_powers() {
     let starts = [(18.0, 1, 1), (30.0, 2, 1), (44.0, 1, 2), (70.0, 1, 1)];
     for ((temperature_c, levels, ladder), ambient_c) in
         starts.into_iter().flat_map(|s| [(s, 28.0), (s, 25.0)])
@@ -167,7 +167,7 @@ fn wider_instructions_change_no_bit() {
 }
 
 #[test]
-fn energy_is_bought_cheap_and_sold_dear_within_the_limit_of_cycles() {
+fn energy_is_bought_at_low_and_sold_at_high_prices_within_the_cycle_limit() {
     let (mut store, free) = (store(&[0.0]), DispatchProblem { allowed_kwh: vec![1e9; 2], ..problem(1) });
     let power_kw = store.dispatch(&free).unwrap();
     assert!(power_kw[0] + power_kw[1] < -80.0 && power_kw[2] > 80.0, "{power_kw:?}");

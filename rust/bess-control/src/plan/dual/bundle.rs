@@ -3,20 +3,20 @@
 //! Each value with a supergradient is a plane above the function. The next point maximises the lowest of the planes, less a penalty
 //! on the distance from the centre, the best point so far.
 
-/// Share of the predicted gain at which the centre moves.
-const MOVE: f64 = 0.1;
-/// Most by which a point changes the length of steps.
+/// Minimum share of the predicted gain for a serious step, which moves the centre.
+const SERIOUS_STEP_SHARE: f64 = 0.1;
+/// Maximum factor by which one point changes the step length.
 const MAX_LENGTH_CHANGE: f64 = 10.0;
-/// Exchanges of weight between planes, for each plane.
+/// Maximum number of weight exchanges, for each plane.
 const EXCHANGES: usize = 30;
-/// Relative difference of planes at which no weight is exchanged.
+/// Relative difference of planes below which no weight is exchanged.
 const TOLERANCE: f64 = 1e-12;
 
 struct Plane {
     slope: Vec<f64>,
-    /// Height above the function at the centre.
-    excess: f64,
-    /// Weight in the step from the centre; those of all planes add to 1.
+    /// Linearisation error: distance of plane and function at the centre.
+    linearisation_error: f64,
+    /// Weight in the step from the centre; all weights add to 1.
     weight: f64,
 }
 
@@ -28,7 +28,7 @@ pub(super) struct Bundle {
     /// The best point, its value and its plane.
     centre: Vec<f64>,
     value: f64,
-    of_centre: usize,
+    centre_plane: usize,
     /// Length of a step for a unit of slope; 0 before the first step.
     length: f64,
     predicted_gain: f64,
@@ -39,7 +39,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 impl Bundle {
-    /// Takes a point with its value and a supergradient.
+    /// Adds a point with its value and a supergradient.
     pub(super) fn add(&mut self, point: Vec<f64>, value: f64, slope: Vec<f64>) {
         let index = self.planes.len();
         if index == 0 {
@@ -47,38 +47,40 @@ impl Bundle {
         }
         let moved: Vec<f64> = point.iter().zip(&self.centre).map(|(p, c)| p - c).collect();
         let gain = value - self.value;
-        // A supergradient that is not exact can put the function above its plane.
-        let mut excess = (value - dot(&slope, &moved) - self.value).max(0.0);
+        // With an inexact supergradient the function can exceed its plane.
+        let mut linearisation_error = (value - dot(&slope, &moved) - self.value).max(0.0);
         let missed = 2.0 * (1.0 - gain / self.predicted_gain.max(f64::MIN_POSITIVE));
         let change = 1.0 / missed.max(1.0 / MAX_LENGTH_CHANGE);
-        if gain > MOVE * self.predicted_gain {
+        if gain > SERIOUS_STEP_SHARE * self.predicted_gain {
             for plane in &mut self.planes {
-                plane.excess = (plane.excess + dot(&plane.slope, &moved) - gain).max(0.0);
+                plane.linearisation_error =
+                    (plane.linearisation_error + dot(&plane.slope, &moved) - gain).max(0.0);
             }
-            (self.centre, self.value, self.of_centre, excess) = (point, value, index, 0.0);
+            (self.centre, self.value, self.centre_plane, linearisation_error) = (point, value, index, 0.0);
             self.length *= change.max(1.0);
-        } else if excess > self.predicted_gain {
+        } else if linearisation_error > self.predicted_gain {
             self.length *= change.clamp(1.0 / MAX_LENGTH_CHANGE, 1.0);
         }
         let row: Vec<f64> = self.planes.iter().map(|plane| dot(&plane.slope, &slope)).collect();
         self.products.iter_mut().zip(&row).for_each(|(products, &with)| products.push(with));
         self.products.push(row.into_iter().chain([dot(&slope, &slope)]).collect());
-        self.planes.push(Plane { slope, excess, weight: if index == 0 { 1.0 } else { 0.0 } });
+        self.planes.push(Plane { slope, linearisation_error, weight: if index == 0 { 1.0 } else { 0.0 } });
     }
 
-    /// The next point. The first step goes as far as the plane of the centre alone takes to reach `target`.
+    /// The next point. The first step is so long that the plane of the centre reaches `target`.
     pub(super) fn next(&mut self, target: f64) -> Vec<f64> {
         if self.length == 0.0 {
-            let norm = self.products[self.of_centre][self.of_centre];
+            let norm = self.products[self.centre_plane][self.centre_plane];
             self.length = (target - self.value).max(0.0) / norm.max(f64::MIN_POSITIVE);
         }
-        self.weigh();
+        self.solve_weights();
         let mut step = vec![0.0; self.centre.len()];
         for plane in &self.planes {
             step.iter_mut().zip(&plane.slope).for_each(|(sum, slope)| *sum += plane.weight * slope);
         }
-        let excess: f64 = self.planes.iter().map(|plane| plane.weight * plane.excess).sum();
-        self.predicted_gain = self.length * dot(&step, &step) + excess;
+        let linearisation_error: f64 =
+            self.planes.iter().map(|plane| plane.weight * plane.linearisation_error).sum();
+        self.predicted_gain = self.length * dot(&step, &step) + linearisation_error;
         self.centre.iter().zip(&step).map(|(centre, step)| centre + self.length * step).collect()
     }
 
@@ -89,11 +91,11 @@ impl Bundle {
 
     /// Weights of the planes: the dual of the problem of the next point, by exchanges between the planes that are lowest and highest
     /// after the step.
-    fn weigh(&mut self) {
+    fn solve_weights(&mut self) {
         let n = self.planes.len();
         let height = |i: usize| {
             let of = |j: usize| self.planes[j].weight * self.products[i][j];
-            self.planes[i].excess + self.length * (0..n).map(of).sum::<f64>()
+            self.planes[i].linearisation_error + self.length * (0..n).map(of).sum::<f64>()
         };
         let mut heights: Vec<f64> = (0..n).map(height).collect();
         for _ in 0..EXCHANGES * n {
@@ -121,7 +123,7 @@ impl Bundle {
 mod tests {
     use super::*;
 
-    /// Least of planes through the edges of a pyramid that is steep along one axis, with its top at (3, -1).
+    /// Minimum of the planes of a pyramid that is steep along one axis, with its top at (3, -1).
     fn pyramid(point: &[f64]) -> (f64, Vec<f64>) {
         let (x, y) = (point[0] - 3.0, point[1] + 1.0);
         let slope = vec![-x.signum(), -20.0 * y.signum()];
@@ -129,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn the_top_of_a_pyramid_is_found_where_a_step_along_the_slope_swings_across_it() {
+    fn the_top_of_a_pyramid_is_found_where_gradient_steps_oscillate() {
         let mut bundle = Bundle::default();
         let mut point = vec![-4.0, 6.0];
         for _ in 0..30 {
@@ -150,7 +152,7 @@ mod tests {
             bundle.add(point.clone(), value, slope);
             assert!(bundle.value >= best && bundle.value <= 5.0);
             best = bundle.value;
-            // Points from elsewhere come first.
+            // The first points are not from the bundle.
             point = if pass < 5 { vec![f64::from(pass), -3.0] } else { bundle.next(5.0) };
         }
     }

@@ -1,8 +1,8 @@
 //! The grid of SOC and temperature of identical strings, and their moves between its nodes.
 //!
 //! A step first heats a string and then cools it, both in one operation of the control model:
-//! `T' = (1 - k2 dt) (T + k1 dt Q / (1 - k2 dt)) + k2 dt T_ambient`. Where heat leads is the same in each step, and where cooling
-//! leads is the same for each move, so that neither has to be looked up again for each step and move.
+//! `T' = (1 - k2 dt) (T + k1 dt Q / (1 - k2 dt)) + k2 dt T_ambient`. Heating does not depend on the step, and cooling not on the
+//! move, so interpolation weights are computed for each move and for each step, not for both together.
 
 use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::{widest, Direction};
@@ -16,35 +16,35 @@ const NODES_PER_STEP: f64 = 10.0;
 /// Minimum and maximum number of SOC nodes.
 const SOC_NODES: (usize, usize) = (40, 400);
 pub(super) const TEMPERATURE_NODES: usize = 32;
-/// Least share of its temperature that a string keeps in a step.
-const MIN_KEPT: f64 = 0.1;
+/// Minimum share of its excess temperature that a string retains in a step.
+const MIN_RETAINED_SHARE: f64 = 0.1;
 
-/// Values at the temperature nodes of one SOC, in single precision: it rounds far below what the grid neglects.
+/// Values at the temperature nodes of one SOC, in single precision: rounding is far below the error of the grid.
 pub(super) type Row<T = f32> = [T; TEMPERATURE_NODES];
 
-/// A row with the nodes below and above the grid that bands reach, which have the value of its first and last node.
+/// A row with additional nodes below and above the grid, which have the value of its first and last node.
 pub(super) type Padded = [f32; PADDED];
 pub(super) const PADDED: usize = 3 * TEMPERATURE_NODES + 4;
 
 /// Nodes below the grid in a padded row.
 const BELOW: usize = TEMPERATURE_NODES + 1;
 
-/// Interpolation in a row from each of its nodes: the weights of the nodes of a padded row `low` places after the node, and on.
+/// Interpolation matrix of a row, with a band of weights: the first is `low` nodes after the diagonal, in a padded row.
 #[derive(Default)]
 pub(super) struct Band {
     low: usize,
     weights: Vec<Row>,
 }
 
-/// Moves of a string from every node, in one direction; rows `(steps of SOC, soc)`, from none on.
+/// Moves of a string from every node, in one direction; rows `(steps of SOC from 0, soc)`.
 #[derive(Default)]
 pub(super) struct Moves {
     pub(super) request_w: Vec<Row>,
     inverter_w: Vec<Row>,
     battery_w: Vec<Row>,
-    /// Where the heat of the battery leads.
+    /// Interpolation after heating by the battery loss.
     pub(super) heated: Vec<Band>,
-    /// Of each number of steps of SOC.
+    /// Current for each number of SOC steps.
     current_a: Vec<f32>,
 }
 
@@ -58,12 +58,12 @@ pub(super) struct Grid<'a> {
     derating: Row,
     charge: Moves,
     discharge: Moves,
-    /// Where each step leads an idle string.
+    /// Interpolation after the cooling of each step.
     pub(super) cooled: Vec<Band>,
 }
 
-/// Weights of four successive nodes at a place between the second and the third: linear in the first and the last cell of the grid
-/// and beyond, and cubic convolution elsewhere (Keys, IEEE Trans. ASSP 29, 1153, 1981).
+/// Weights of four successive nodes at a position between the second and the third: linear in the first and the last cell of the
+/// grid and beyond, otherwise cubic convolution (Keys, IEEE Trans. ASSP 29, 1153, 1981).
 fn weights(place: f64) -> [f64; 4] {
     let b = place - place.floor();
     if place < 1.0 || place >= (TEMPERATURE_NODES - 2) as f64 {
@@ -74,7 +74,7 @@ fn weights(place: f64) -> [f64; 4] {
 }
 
 impl Band {
-    /// From changes of each node [nodes]. Beyond the width of the grid, all are the same.
+    /// From the shift of each node [nodes]. Shifts beyond the width of the grid are equal.
     fn new(change: Row<f64>) -> Self {
         let width = TEMPERATURE_NODES as f64;
         let shifted = change.map(|nodes| nodes.clamp(-width, width) + BELOW as f64 - 1.0);
@@ -102,7 +102,7 @@ impl Band {
         sum
     }
 
-    /// Adds a share of the node `j` to the nodes that it leads to: the transposed of [`Self::along`] a padded row.
+    /// Adds a share of the node `j` to its target nodes: the transpose of [`Self::along`] a padded row.
     pub(super) fn spread(&self, j: usize, share: f32, row: &mut Row) {
         for (n, weights) in self.weights.iter().enumerate() {
             row[inside(self.low + n + j, BELOW)] += share * weights[j];
@@ -110,7 +110,7 @@ impl Band {
     }
 }
 
-/// The node of the grid with the value of a node `below` nodes farther up.
+/// Node of the grid for a node of a padded row, clamped at both ends.
 fn inside(node: usize, below: usize) -> usize {
     node.saturating_sub(below).min(TEMPERATURE_NODES - 1)
 }
@@ -149,9 +149,8 @@ impl<'a> Grid<'a> {
     }
 
     /// All moves to SOC nodes: request and losses with the mean voltage and resistance of the move. Infeasible moves have an
-    /// infinite request. Moves whose internal power is below the no-load loss have a request below 0, straight on from the
-    /// table: requests between it and that of the next move exist. The first move from each node above nominal power is kept for
-    /// the same reason.
+    /// infinite request. Moves whose internal power is below the no-load loss have a negative request, by extrapolation of
+    /// the table, for interpolation with the next move. For the same reason, the first move of each node above nominal power is kept.
     fn moves(&self, string: &StringModel, direction: Direction) -> Moves {
         let p = &string.parameters;
         let curve = string.loss(direction);
@@ -208,11 +207,11 @@ impl<'a> Grid<'a> {
         out
     }
 
-    /// Where the heat of a row of moves leads, before it cools.
+    /// Interpolation after heating by a row of moves, before cooling.
     fn heated(&self, string: &StringModel, battery_w: &Row) -> Band {
         let lumped = &string.parameters.lumped;
         let dt_s = self.problem.dt_h() * SECONDS_PER_HOUR;
-        let kept = (1.0 - dt_s * lumped.k2_per_s).max(MIN_KEPT);
+        let kept = (1.0 - dt_s * lumped.k2_per_s).max(MIN_RETAINED_SHARE);
         let nodes_per_w = dt_s * lumped.k1_k_per_j / kept / self.temperature_c.step;
         Band::new(battery_w.map(|heat_w| nodes_per_w * f64::from(heat_w)))
     }
@@ -242,8 +241,8 @@ impl<'a> Grid<'a> {
 
 widest! {
     /// Costs to go and best moves of strings that are off, then of those that run, from the costs to go after step `t` at a price of
-    /// power [cost/Wh]; rows `(off or on, soc)`. A move between two nodes covers a request between theirs. `cool` has the costs to go before strings that run
-    /// have cooled, and is overwritten.
+    /// power [cost/Wh]; rows `(off or on, soc)`. Requests between two moves are interpolated. `cool` is a buffer: the costs to go of running strings before
+    /// cooling.
     pub(super) fn step_back(
         grid: &Grid<'_>,
         t: usize,

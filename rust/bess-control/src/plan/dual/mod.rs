@@ -13,11 +13,10 @@ use crate::plan::problem::PlanProblem;
 use bundle::Bundle;
 use values::StringValues;
 
-/// Share of the iterations that move prices towards the balancing prices of the look-ahead: a fast start, whose planes the bundle
-/// then has.
-const CLEARING: f64 = 0.5;
+/// Share of the iterations that move prices towards the balancing prices of the look-ahead, which initialises the bundle.
+const CLEARING_SHARE: f64 = 0.5;
 /// Step of the prices in one of these iterations.
-const TOWARDS_CLEARING: f64 = 0.5;
+const CLEARING_STEP: f64 = 0.5;
 
 pub(crate) struct Dual {
     /// Lower bound of the cost of every schedule, on the grid.
@@ -40,20 +39,20 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, mut price: Vec<f64>, known_cost:
     let mut values = StringValues::new(problem);
     let (mut request_w, mut cost) = (vec![], f64::INFINITY);
     let mut bundle = Bundle::default();
-    let clearing = (CLEARING * passes as f64).ceil() as usize;
+    let clearing = (CLEARING_SHARE * passes as f64).ceil() as usize;
     for pass in 0..passes {
         values.solve(&price);
         let (rolled, clearing_price) = look_ahead(problem, &values);
         if rolled.cost() < cost {
             (cost, request_w) = (rolled.cost(), rolled.request_w());
         }
-        // What is shed at its price leaves no power open.
-        let open =
+        // At the price of undelivered energy, a missing power may be shed: it does not raise the price.
+        let open_energy =
             |(t, power): (usize, f64)| if price[t] < problem.shed_price(t) { power } else { power.min(0.0) };
-        let slope = values.slope().into_iter().enumerate().map(open).collect();
+        let slope = values.slope().into_iter().enumerate().map(open_energy).collect();
         bundle.add(price.clone(), values.bound(&price), slope);
         if pass < clearing {
-            let towards = |(p, clear): (&mut f64, &f64)| *p += TOWARDS_CLEARING * (clear - *p);
+            let towards = |(p, clear): (&mut f64, &f64)| *p += CLEARING_STEP * (clear - *p);
             price.iter_mut().zip(&clearing_price).for_each(towards);
         } else {
             price = bundle.next(known_cost.min(cost));

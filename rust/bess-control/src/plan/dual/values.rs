@@ -4,9 +4,9 @@ use super::grid::{step_back, Grid, Row, PADDED, TEMPERATURE_NODES};
 use crate::cores;
 use crate::model::StringState;
 use crate::plan::look_ahead::{CostToGo, Group};
-use crate::plan::problem::{kind_of_each, PlanProblem, Point};
+use crate::plan::problem::{kind_indices, PlanProblem, Point};
 
-/// Weight of a node, in strings, below which it is neglected.
+/// Number of strings at a node below which it is neglected.
 const NEGLIGIBLE: f32 = 1e-7;
 
 /// The dynamic program of strings of one kind.
@@ -61,11 +61,11 @@ impl<'a> Kind<'a> {
         }
     }
 
-    /// Power of all strings with their best moves `(T,)` [W]: the weights of their states on the nodes, moved forwards.
+    /// Power of all strings with their best moves `(T,)` [W], from a forward pass of their distribution over the nodes.
     fn forwards(&self) -> Vec<f64> {
         let (problem, grid) = (self.grid.problem, &self.grid);
         let n_soc = grid.soc.len;
-        // Of strings that are off and on, in rows `(off or on, soc)`.
+        // Number of strings at each node, in rows `(off or on, soc)`.
         let mut now = vec![[0.0; TEMPERATURE_NODES]; 2 * n_soc];
         for &m in &self.members {
             let start = problem.start[m];
@@ -133,7 +133,7 @@ impl<'a> StringValues<'a> {
         let in_service = (0..problem.n_strings()).filter(|&m| problem.is_in_service(m));
         let groups = in_service.map(|first| Group { first, second: None }).collect();
         let kinds = problem.kinds();
-        let kind_of = kind_of_each(&kinds, problem.n_strings());
+        let kind_of = kind_indices(&kinds, problem.n_strings());
         let kinds = kinds.into_iter().map(|members| Kind::new(problem, members)).collect();
         Self { problem, groups, kinds, kind_of }
     }
@@ -191,7 +191,7 @@ mod tests {
     use bess_tables::Direction;
 
     #[test]
-    fn the_slope_is_that_of_the_bound() {
+    fn the_slope_is_a_supergradient_of_the_bound() {
         let model = ControlModel::new(&common::reference(3));
         let demand_w: Vec<f64> = (0..12).map(|t| 1e3 * (20.0 + 17.0 * f64::from(t))).collect();
         let interval = |t| crate::model::Interval {

@@ -4,7 +4,7 @@ use bess_tables::Direction;
 
 use crate::model::{LossCurve, Range};
 
-/// Delivered power over internal power, as the table has it; straight on at both ends.
+/// Delivered power over internal power, from the loss table, extrapolated at both ends.
 pub(super) struct Delivered {
     pub(super) internal_w: Vec<f64>,
     pub(super) power_w: Vec<f64>,
@@ -44,7 +44,7 @@ impl Delivered {
         self.direction.pick(power_w - internal_w, internal_w - power_w)
     }
 
-    /// How far the curve may be below, and above, a mean of its values in a range.
+    /// Maximum distance of the curve below, and above, its chords in a range.
     pub(super) fn bends(&self, range: &Range) -> (f64, f64) {
         let (mut convex, mut concave) = (0.0, 0.0);
         let width = range.high - range.low;

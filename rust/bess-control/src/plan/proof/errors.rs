@@ -1,4 +1,4 @@
-//! Largest amounts by which cost and value in boxes of states and currents are below linear interpolation between the corners.
+//! Interpolation errors: how far cost and value in a box of states and currents are at most below linear interpolation.
 
 use bess_tables::units::SECONDS_PER_HOUR;
 
@@ -11,7 +11,7 @@ use crate::model::{Losses, Range};
 /// Prices of a step, and the resulting error terms of each temperature cell.
 pub(super) struct StepPrices<'k> {
     kind: &'k Kind<'k>,
-    /// Of the losses.
+    /// Prices of the losses.
     costs: &'k Losses,
     dt_h: f64,
     /// Temperature per heat [K/W].
@@ -20,15 +20,15 @@ pub(super) struct StepPrices<'k> {
     pub(super) power: Vec<f64>,
     /// Largest slope of cost over internal power.
     pub(super) steepest: Vec<f64>,
-    /// Least and largest price of the bends of delivered power.
+    /// Minimum and maximum price of the curvature of delivered power.
     pub(super) bend: Vec<(f64, f64)>,
-    /// Price of the most that is delivered, for the bend of one over the derating factor.
+    /// Price of the maximum delivered power, for the curvature of the reciprocal derating factor.
     pub(super) uneven: Vec<f64>,
     /// Price of the change of delivered power over temperature.
     pub(super) tilt: Vec<f64>,
-    /// Earnings of undelivered requests at each node of temperature: where strings derate, a request that is worth more
-    /// than its derating loss may pay without any delivery.
-    pub(super) dumped: Vec<f64>,
+    /// Gain of undelivered requests at each temperature node: during derating, a request with a price above its derating cost may
+    /// pay off without any delivery.
+    pub(super) shed_gain: Vec<f64>,
     /// Largest request [W].
     cap_w: f64,
     /// Largest net revenue of an inverter that discharges the battery below its no-load loss [cost].
@@ -44,24 +44,24 @@ impl<'k> StepPrices<'k> {
             * (self.costs.battery * corner.heat_w
                 + self.costs.inverter * corner.loss_w
                 + self.power[j] * corner.power_w
-                - self.dumped[j] * room_w)
+                - self.shed_gain[j] * room_w)
     }
 
     pub(super) fn new(kind: &'k Kind<'k>, t: usize, price: f64, moves: Option<&Moves>) -> Self {
         let costs = &kind.problem.prices.losses[t];
         let dt_h = kind.problem.dt_h();
-        // Below 0, derated requests earn more than they cost.
+        // If negative, derated requests gain more than they cost.
         let margin = costs.derating - price;
         let per_power = &kind.requests_per_power;
         let power: Vec<f64> = per_power.iter().map(|k| margin * k - costs.derating).collect();
-        // Per request: least share `k` of a cell, or none where the price of power ends at [`MIN_FACTOR`].
-        let dumped = |k: &Range| {
+        // Per request: lowest derating factor of a cell, or 0 below [`MIN_FACTOR`].
+        let shed_gain = |k: &Range| {
             let k = if k.low < MIN_FACTOR { 0.0 } else { k.low };
             (-margin - k * (costs.availability - costs.derating).max(0.0)).max(0.0)
         };
-        let dumped: Vec<f64> = kind.factor.iter().map(dumped).collect();
-        let around = |j: usize| dumped[j.saturating_sub(1)].max(dumped[j.min(dumped.len() - 1)]);
-        let dumped = (0..=kind.factor.len()).map(around).collect();
+        let shed_gain: Vec<f64> = kind.factor.iter().map(shed_gain).collect();
+        let around = |j: usize| shed_gain[j.saturating_sub(1)].max(shed_gain[j.min(shed_gain.len() - 1)]);
+        let shed_gain = (0..=kind.factor.len()).map(around).collect();
         let mut out = Self {
             kind,
             costs,
@@ -72,7 +72,7 @@ impl<'k> StepPrices<'k> {
             bend: vec![],
             uneven: vec![],
             tilt: vec![],
-            dumped,
+            shed_gain,
             cap_w: kind.cap_w(t),
             drawing: vec![],
         };
@@ -96,30 +96,30 @@ impl<'k> StepPrices<'k> {
     }
 }
 
-/// Slopes of the values over temperature, and how much they rise from cell to cell.
-pub(super) struct Bends {
+/// Slopes of the values over temperature, and their increase from cell to cell.
+pub(super) struct Curvature {
     /// `(n_soc, cells of temperature)`.
     pub(super) slope: Vec<f64>,
     /// `(n_soc, n_temperature)`, not negative.
     pub(super) rise: Vec<f64>,
-    /// Least and largest slope, and largest rise, of a node of SOC and those beside it.
-    pub(super) least: Vec<f64>,
-    pub(super) most: Vec<f64>,
-    pub(super) largest: Vec<f64>,
-    /// Largest difference of slopes from those of the nodes of SOC beside, at the same temperature. Kinks along one SOC are
-    /// `rise` already; what is left of a mean over two nodes of SOC depends on this difference alone.
+    /// Minimum and maximum slope, and maximum rise, at an SOC node and its neighbours.
+    pub(super) min_slope: Vec<f64>,
+    pub(super) max_slope: Vec<f64>,
+    pub(super) max_rise: Vec<f64>,
+    /// Maximum difference of slopes to the neighbouring SOC nodes, at the same temperature. `rise` covers kinks at one SOC;
+    /// the remaining error of a mean over two SOC nodes depends on this difference alone.
     pub(super) across: Vec<f64>,
     /// Largest slopes over SOC `(cells of SOC, n_temperature)`.
     pub(super) over_soc: Vec<f64>,
 }
 
-impl Bends {
+impl Curvature {
     pub(super) fn new(kind: &Kind<'_>, values: &[f64]) -> Self {
         let (n_soc, n) = (kind.soc.len, kind.n_temperatures());
         let columns = n - 1;
         let ([nodes, cells], zeros) = ([n_soc * n, n_soc * columns], |n| vec![0.0; n]);
-        let [mut slope, mut least, mut most, mut across] = [cells; 4].map(zeros);
-        let [mut rise, mut largest, mut over_soc] = [nodes; 3].map(zeros);
+        let [mut slope, mut min_slope, mut max_slope, mut across] = [cells; 4].map(zeros);
+        let [mut rise, mut max_rise, mut over_soc] = [nodes; 3].map(zeros);
         for i in 0..n_soc {
             for j in 0..columns {
                 let width = kind.temperature_c[j + 1] - kind.temperature_c[j];
@@ -138,27 +138,27 @@ impl Bends {
             let (before, after) = (i.saturating_sub(1), (i + 1).min(n_soc - 1));
             for j in 0..columns {
                 let at = |i: usize| slope[i * columns + j];
-                least[i * columns + j] = at(before).min(at(i)).min(at(after));
-                most[i * columns + j] = at(before).max(at(i)).max(at(after));
+                min_slope[i * columns + j] = at(before).min(at(i)).min(at(after));
+                max_slope[i * columns + j] = at(before).max(at(i)).max(at(after));
                 across[i * columns + j] = (at(i) - at(before)).abs().max((at(i) - at(after)).abs());
             }
             for j in 1..columns {
                 let at = |i: usize| rise[i * n + j];
-                largest[i * n + j] = at(before).max(at(i)).max(at(after));
+                max_rise[i * n + j] = at(before).max(at(i)).max(at(after));
             }
         }
-        Self { slope, rise, least, most, largest, across, over_soc }
+        Self { slope, rise, min_slope, max_slope, max_rise, across, over_soc }
     }
 
-    /// How far a mean of values at one SOC is above the value at the mean, in an image; least and largest slope.
+    /// Excess of a mean of values at one SOC over the value at the mean, in an image; minimum and maximum slope.
     pub(super) fn over(&self, kind: &Kind<'_>, i: usize, image: &Image) -> (f64, (f64, f64)) {
         Self::within(kind, i, image, &self.rise, (&self.slope, &self.slope))
     }
 
-    /// The same of a node of SOC and those beside it.
+    /// Like [`Self::over`], for an SOC node and its neighbours.
     #[inline]
     pub(super) fn around(&self, kind: &Kind<'_>, i: usize, image: &Image) -> (f64, (f64, f64)) {
-        Self::within(kind, i, image, &self.largest, (&self.least, &self.most))
+        Self::within(kind, i, image, &self.max_rise, (&self.min_slope, &self.max_slope))
     }
 
     #[inline]
@@ -167,30 +167,31 @@ impl Bends {
         i: usize,
         image: &Image,
         rises: &[f64],
-        (least, most): (&[f64], &[f64]),
+        (min_slope, max_slope): (&[f64], &[f64]),
     ) -> (f64, (f64, f64)) {
         let n = kind.n_temperatures();
-        let (least, most) = (&least[i * (n - 1)..(i + 1) * (n - 1)], &most[i * (n - 1)..(i + 1) * (n - 1)]);
+        let (min_slope, max_slope) =
+            (&min_slope[i * (n - 1)..(i + 1) * (n - 1)], &max_slope[i * (n - 1)..(i + 1) * (n - 1)]);
         let rises = &rises[i * n..(i + 1) * n];
-        let (mut low, mut high) = (least[image.first - 1], most[image.first - 1]);
+        let (mut low, mut high) = (min_slope[image.first - 1], max_slope[image.first - 1]);
         let mut bend = 0.0;
         for j in image.first..image.last {
             let node_c = kind.temperature_c[j];
             bend += rises[j] * (node_c - image.low_c) * (image.high_c - node_c);
-            low = smaller(low, least[j]);
-            high = larger(high, most[j]);
+            low = smaller(low, min_slope[j]);
+            high = larger(high, max_slope[j]);
         }
         (bend / (image.high_c - image.low_c), (low, high))
     }
 
-    /// Largest difference of slopes over temperature between a node of SOC and those beside it, in an image.
+    /// Maximum difference of slopes over temperature between an SOC node and its neighbours, in an image.
     #[inline]
     pub(super) fn across(&self, kind: &Kind<'_>, i: usize, image: &Image) -> f64 {
         let row = i * (kind.n_temperatures() - 1);
         self.across[row + image.first - 1..row + image.last].iter().copied().fold(0.0, larger)
     }
 
-    /// Largest slope over SOC, at least 0, of a cell of SOC and `further` ones below, in an image.
+    /// Maximum slope over SOC, at least 0, of an SOC cell and the `further` cells below, in an image.
     pub(super) fn steepest(&self, kind: &Kind<'_>, i: usize, further: usize, image: &Image) -> f64 {
         let n = kind.n_temperatures();
         let rows = i.saturating_sub(further)..=i;
@@ -201,19 +202,19 @@ impl Bends {
 
 /// Errors of a step in each cell `(cell,)`.
 pub(super) struct Errors {
-    /// Of strings that are off, or that start and cover the inverter loss from the battery.
+    /// Of strings that are off, or that start and take the inverter loss from the battery.
     pub(super) off: Vec<f64>,
-    /// Of strings that run and cover this loss from the battery, if they may.
+    /// Of strings that run and take this loss from the battery; empty in discharge.
     pub(super) drawing: Vec<f64>,
-    /// Of every box that the currents of two steps of SOC span.
+    /// Of every box between the currents of two successive SOC steps.
     pub(super) boxes: Vec<Vec<f64>>,
 }
 
 impl Kind<'_> {
-    /// Errors of strings that do not charge or discharge `(cell,)`, with what `more` adds.
+    /// Errors of strings that do not charge or discharge `(cell,)`, plus `more`.
     pub(super) fn idle_errors(
         &self,
-        bends: &Bends,
+        curvature: &Curvature,
         images: &Images,
         more: impl Fn(usize) -> f64,
     ) -> Vec<f64> {
@@ -221,34 +222,34 @@ impl Kind<'_> {
         let error = |cell: usize| {
             let (i, j) = (cell / n_columns, cell % n_columns);
             let image = &images.idle_boxes[j];
-            bends.over(self, i, image).0.max(bends.over(self, i + 1, image).0) + more(cell)
+            curvature.over(self, i, image).0.max(curvature.over(self, i + 1, image).0) + more(cell)
         };
         (0..self.n_cells()).map(error).collect()
     }
 
-    /// Most that an inverter in a cell gains that covers its loss from the battery, over one that is idle; negative if it loses.
+    /// Maximum gain in a cell of an inverter that takes its loss from the battery, compared with an idle one; may be negative.
     pub(super) fn drawn(
         &self,
         moves: &Moves,
-        bends: &Bends,
+        curvature: &Curvature,
         images: &Images,
         step: &StepPrices<'_>,
         cell: usize,
     ) -> f64 {
         let (i, j) = (cell / (self.n_temperatures() - 1), cell % (self.n_temperatures() - 1));
         let image = &images.idle_boxes[j];
-        let least = |i: usize| bends.over(self, i, image).1 .0;
+        let min_slope = |i: usize| curvature.over(self, i, image).1 .0;
         let (soc, heat_w) = moves.drawn[cell];
-        let per_soc = bends.steepest(self, i, (soc / self.soc.step).ceil() as usize, image);
-        let warmer = step.rise * heat_w * (-least(i).min(least(i + 1))).max(0.0);
+        let per_soc = curvature.steepest(self, i, (soc / self.soc.step).ceil() as usize, image);
+        let warmer = step.rise * heat_w * (-min_slope(i).min(min_slope(i + 1))).max(0.0);
         step.drawing[j] + warmer + per_soc * soc
     }
 
-    /// Errors of the boxes from `k` to `k + 1` steps of SOC `(cell,)`; minus infinity where nothing leads there.
+    /// Errors of the boxes from `k` to `k + 1` steps of SOC `(cell,)`; minus infinity for unreachable boxes.
     pub(super) fn box_errors(
         &self,
         (moves, images): (&Moves, &Images),
-        bends: &Bends,
+        curvature: &Curvature,
         step: &StepPrices<'_>,
         k: usize,
     ) -> Vec<f64> {
@@ -259,20 +260,21 @@ impl Kind<'_> {
             let Some(middle) = self.middle(moves.direction, i, k) else { continue };
             for j in 0..n_columns {
                 let cell = i * n_columns + j;
-                let shape = &moves.shapes[from + cell];
-                if shape.min_request_w > step.cap_w {
+                let error = &moves.errors[from + cell];
+                if error.min_request_w > step.cap_w {
                     continue;
                 }
                 let image = &images.boxes[from + cell];
-                let (bend, (least, most)) = bends.around(self, middle, image);
-                let of_cost = step.costs.battery * shape.heat_below_w
-                    + step.steepest[j] * shape.internal_w
-                    + larger(0.0, larger(step.bend[j].1 * shape.convex_w, -step.bend[j].0 * shape.concave_w))
-                    + step.uneven[j] * shape.max_power_w
-                    + step.tilt[j] * shape.power_range_w;
-                let of_value =
-                    larger(shape.heat_above_w * larger(0.0, -least), shape.heat_below_w * larger(0.0, most))
-                        + 0.25 * shape.heat_range_w * bends.across(self, middle, image);
+                let (bend, (min_slope, max_slope)) = curvature.around(self, middle, image);
+                let of_cost = step.costs.battery * error.heat_below_w
+                    + step.steepest[j] * error.internal_w
+                    + larger(0.0, larger(step.bend[j].1 * error.convex_w, -step.bend[j].0 * error.concave_w))
+                    + step.uneven[j] * error.max_power_w
+                    + step.tilt[j] * error.power_range_w;
+                let of_value = larger(
+                    error.heat_above_w * larger(0.0, -min_slope),
+                    error.heat_below_w * larger(0.0, max_slope),
+                ) + 0.25 * error.heat_range_w * curvature.across(self, middle, image);
                 out[cell] = step.dt_h * of_cost + step.rise * of_value + bend;
             }
         }

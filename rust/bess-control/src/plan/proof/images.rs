@@ -6,7 +6,7 @@ use super::moves::Moves;
 use super::Kind;
 use crate::model::Interval;
 
-/// Where a box leads in temperature: range, and the nodes of temperature inside.
+/// Image of a box under the thermal model: range of end temperatures, and the nodes inside.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Image {
     pub(super) low_c: f64,
@@ -15,20 +15,20 @@ pub(super) struct Image {
     pub(super) last: usize,
 }
 
-/// Where corners and boxes of an interval lead.
+/// Images of the corners and boxes of an interval.
 pub(super) struct Images {
     pub(super) interval: Interval,
-    /// Cell of temperature and share of it, of each corner.
+    /// Temperature cell of each corner, and the position in it.
     pub(super) corners: Vec<(usize, f64)>,
     pub(super) boxes: Vec<Image>,
-    /// Of strings that rest: of each node and cell of temperature.
+    /// Of idle strings: of each temperature node and cell.
     pub(super) idle: Vec<(usize, f64)>,
     pub(super) idle_boxes: Vec<Image>,
 }
 
 impl Kind<'_> {
-    /// The cell of temperature whose lower node is the last that is `below`: the first or the last cell beyond the ends. The search
-    /// walks from `near`, as the next temperature is near the one before.
+    /// The temperature cell whose lower node is the last that is `below`: the first or the last cell beyond the ends. The linear search
+    /// starts at `near`.
     fn cell(&self, near: usize, below: impl Fn(f64) -> bool) -> usize {
         let nodes = &self.temperature_c;
         let mut cell = near;
@@ -41,14 +41,14 @@ impl Kind<'_> {
         cell
     }
 
-    /// Cell of temperature and share of it; straight on beyond the ends.
+    /// Temperature cell and position in it, extrapolated beyond the ends.
     pub(super) fn place(&self, temperature_c: f64, near: usize) -> (usize, f64) {
         let nodes = &self.temperature_c;
         let cell = self.cell(near, |c| c <= temperature_c);
         (cell, (temperature_c - nodes[cell]) / (nodes[cell + 1] - nodes[cell]))
     }
 
-    /// Cells of temperature and shares of them, of temperatures of which each is near the one before.
+    /// Temperature cells and positions of a sequence of similar temperatures.
     fn places(&self, temperatures_c: impl Iterator<Item = f64>) -> Vec<(usize, f64)> {
         let mut near = 0;
         let place = |temperature_c| {
@@ -86,10 +86,10 @@ impl Kind<'_> {
             .map(|(x, corner)| idle_c[x % n_temperatures] + rise * corner.heat_w)
             .collect();
         out.corners = self.places(warmed.iter().copied());
-        out.boxes.reserve(moves.shapes.len());
+        out.boxes.reserve(moves.errors.len());
         let mut near = 0;
-        for (x, shape) in moves.shapes.iter().enumerate() {
-            if shape.min_request_w == f64::INFINITY {
+        for (x, error) in moves.errors.iter().enumerate() {
+            if error.min_request_w == f64::INFINITY {
                 out.boxes.push(Image::default());
                 continue;
             }
@@ -102,7 +102,7 @@ impl Kind<'_> {
                 high_c = high_c.max(warmed[corner + 1]);
             }
             let image =
-                self.image(low_c - rise * shape.heat_below_w, high_c + rise * shape.heat_above_w, near);
+                self.image(low_c - rise * error.heat_below_w, high_c + rise * error.heat_above_w, near);
             near = image.first - 1;
             out.boxes.push(image);
         }

@@ -6,7 +6,7 @@ use super::delivered::Delivered;
 use super::Kind;
 use crate::model::{Range, StateBox, StringState};
 
-/// Flows of a string at a corner: at a node of state, with the current of a number of SOC steps.
+/// Flows of a string at a corner: a state node with the current of a number of SOC steps.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Corner {
     pub(super) heat_w: f64,
@@ -16,62 +16,61 @@ pub(super) struct Corner {
 
 /// Largest deviations from linear interpolation between the corners of a box of states and currents.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Shape {
+pub(super) struct BoxErrors {
     /// Heat below and above [W].
     pub(super) heat_below_w: f64,
     pub(super) heat_above_w: f64,
-    /// Internal power, either way [W].
+    /// Internal power, in either direction [W].
     pub(super) internal_w: f64,
     /// Delivered power over internal power: below and above its chords [W].
     pub(super) convex_w: f64,
     pub(super) concave_w: f64,
-    /// Largest difference of heat at one temperature, and of delivered power over temperature [W].
+    /// Maximum difference of heat at one temperature, and of delivered power over temperature [W].
     pub(super) heat_range_w: f64,
     pub(super) power_range_w: f64,
-    /// Least request that leads into the box, and most that is delivered in it [W].
+    /// Minimum request that leads into the box, and maximum delivered power in it [W].
     pub(super) min_request_w: f64,
     pub(super) max_power_w: f64,
 }
 
-/// Everything about one direction that does not depend on prices. Corners are `(step of SOC, node)`, boxes
-/// `(step of SOC, cell)`.
+/// Data of one direction that do not depend on prices. Corners are `(SOC step, node)`, boxes `(SOC step, cell)`.
 pub(super) struct Moves {
     pub(super) direction: Direction,
-    /// Current of one step of SOC [A].
+    /// Current of one SOC step [A].
     pub(super) current_a: f64,
-    /// Least request of each box.
+    /// Minimum request of each SOC step [W].
     min_requests_w: Vec<f64>,
     pub(super) corners: Vec<Corner>,
-    pub(super) shapes: Vec<Shape>,
+    pub(super) errors: Vec<BoxErrors>,
     /// Smallest and largest slope of delivered over internal power.
     pub(super) slopes: Range,
-    /// Of an inverter that runs below its own no-load loss, and so charges nothing and discharges the battery [W].
+    /// Of an inverter that charges with less than its no-load loss, and thus discharges the battery [W].
     pub(super) max_drawing_w: f64,
     pub(super) min_drawing_loss_w: f64,
-    /// Largest SOC and heat that are drawn, for each cell.
+    /// Maximum SOC and heat that such an inverter takes from the battery, for each cell.
     pub(super) drawn: Vec<(f64, f64)>,
 }
 
-/// Voltage and resistance of a cell: their ranges, their largest change over SOC, and how far they are from lying between
-/// the nodes (resistance: below and above).
-pub(super) struct Off {
+/// Voltage and resistance of a cell: ranges, maximum change over SOC, and error of bilinear interpolation (resistance: below and
+/// above).
+pub(super) struct CellBounds {
     pub(super) voltage_v: Range,
     pub(super) resistance_ohm: Range,
     pub(super) voltage_change_v: f64,
     pub(super) resistance_change_ohm: f64,
-    pub(super) voltage_off_v: f64,
-    pub(super) resistance_off_ohm: (f64, f64),
+    pub(super) voltage_error_v: f64,
+    pub(super) resistance_error_ohm: (f64, f64),
 }
 
 impl Moves {
-    /// Number of boxes up to the last that a request of at most `cap_w` reaches.
+    /// Number of SOC steps up to the last that a request of at most `cap_w` reaches.
     pub(super) fn n_boxes_within(&self, cap_w: f64) -> usize {
         self.min_requests_w.iter().rposition(|min_w| *min_w <= cap_w).map_or(0, |k| k + 1)
     }
 }
 
 impl Kind<'_> {
-    /// Whether a triangle of a box ends within the window, and the middle node of SOC of those it may end at.
+    /// Middle one of the SOC nodes at which a box may end; None if no triangle of it ends within the window.
     pub(super) fn middle(&self, direction: Direction, i: usize, k: usize) -> Option<usize> {
         match direction {
             Direction::Charge => Some(i + k + 1).filter(|&to| to < self.soc.len),
@@ -79,7 +78,7 @@ impl Kind<'_> {
         }
     }
 
-    /// Corners of a box that lead to nodes, as nodes of SOC and steps; the two temperatures are the caller's.
+    /// Corners of a box that lead to nodes, as SOC node and SOC steps, for either temperature.
     pub(super) fn used(
         &self,
         direction: Direction,
@@ -99,7 +98,7 @@ impl Kind<'_> {
         let curve = string.loss(direction);
         let delivered = Delivered::new(curve)?;
         let n_temperatures = self.n_temperatures();
-        // Voltage and resistance at each node; of each cell, how far they are from lying bilinearly between its nodes.
+        // Voltage and resistance at each node, and their errors of bilinear interpolation in each cell.
         let node = |i: usize, j: usize| StringState {
             soc: self.soc.at(i as f64),
             temperature_c: self.temperature_c[j],
@@ -112,10 +111,11 @@ impl Kind<'_> {
             .collect();
         let cells: Vec<(usize, usize)> =
             (0..self.soc.len - 1).flat_map(|i| (0..n_temperatures - 1).map(move |j| (i, j))).collect();
-        let off: Vec<Off> = cells.iter().map(|&(i, j)| self.off(direction, i, j, &at)).collect();
+        let bounds: Vec<CellBounds> =
+            cells.iter().map(|&(i, j)| self.cell_bounds(direction, i, j, &at)).collect();
         let max_drawn_w = (-delivered.internal_w[0]).max(0.0);
-        let drawn = off.iter().map(|off| {
-            let (v, r) = (off.voltage_v.low, off.resistance_ohm.high);
+        let drawn = bounds.iter().map(|bounds| {
+            let (v, r) = (bounds.voltage_v.low, bounds.resistance_ohm.high);
             let root = (1.0 - 4.0 * r * max_drawn_w / (v * v)).max(0.0).sqrt();
             let drawn_a = 2.0 * max_drawn_w / (v * (1.0 + root));
             (drawn_a * dt_h / p.capacity_ah, r * drawn_a * drawn_a)
@@ -126,7 +126,7 @@ impl Kind<'_> {
             current_a,
             min_requests_w: vec![],
             corners: vec![],
-            shapes: vec![],
+            errors: vec![],
             slopes: delivered.slopes(),
             max_drawing_w: curve.max_drawing_w(),
             min_drawing_loss_w: curve.loss().iter().copied().fold(f64::INFINITY, f64::min).max(0.0),
@@ -146,14 +146,14 @@ impl Kind<'_> {
         for k in 0..self.soc.len - 1 {
             let (from_a, to_a) = (current_a * k as f64, current_a * (k + 1) as f64);
             let mut any = false;
-            for (&(i, j), off) in cells.iter().zip(&off) {
-                let lowest_v = off.voltage_v.low;
-                let lowest_r = direction.pick(off.resistance_ohm.low, off.resistance_ohm.high);
+            for (&(i, j), bounds) in cells.iter().zip(&bounds) {
+                let lowest_v = bounds.voltage_v.low;
+                let lowest_r = direction.pick(bounds.resistance_ohm.low, bounds.resistance_ohm.high);
                 let min_w = delivered.at(internal_w((lowest_v, lowest_r), from_a)).max(0.0);
                 let min_request_w = min_w / self.factor[j].high;
                 let possible = min_request_w <= max_w && self.middle(direction, i, k).is_some();
                 if !possible {
-                    out.shapes.push(Shape { min_request_w: f64::INFINITY, ..Shape::default() });
+                    out.errors.push(BoxErrors { min_request_w: f64::INFINITY, ..BoxErrors::default() });
                     continue;
                 }
                 any = true;
@@ -174,19 +174,19 @@ impl Kind<'_> {
                         |j: usize| delivered.at(internal_w(at[i * n_temperatures + j], current_a * k as f64));
                     power_range_w = power_range_w.max((power_w(j + 1) - power_w(j)).abs());
                 }
-                // Between the corners of a triangle lie b (1 - b) and a b of its sides, at most 1/4 of their products.
-                let product_w = 0.5 * off.resistance_change_ohm * to_a * current_a;
+                // Errors within a triangle are b (1 - b) or a b times the products of its sides, and these factors at most 1/4.
+                let product_w = 0.5 * bounds.resistance_change_ohm * to_a * current_a;
                 let square = to_a * to_a;
-                let heat_below_w = 0.25 * off.resistance_ohm.high * current_a * current_a
+                let heat_below_w = 0.25 * bounds.resistance_ohm.high * current_a * current_a
                     + product_w
-                    + off.resistance_off_ohm.0 * square;
-                let heat_above_w = product_w + off.resistance_off_ohm.1 * square;
-                let internal_w = 0.25 * off.voltage_change_v * current_a
-                    + off.voltage_off_v * to_a
+                    + bounds.resistance_error_ohm.0 * square;
+                let heat_above_w = product_w + bounds.resistance_error_ohm.1 * square;
+                let internal_w = 0.25 * bounds.voltage_change_v * current_a
+                    + bounds.voltage_error_v * to_a
                     + heat_below_w.max(heat_above_w);
                 let (convex_w, concave_w) = delivered.bends(&g);
                 let max_power_w = delivered.at(g.high) + out.slopes.high * internal_w;
-                out.shapes.push(Shape {
+                out.errors.push(BoxErrors {
                     heat_below_w,
                     heat_above_w,
                     internal_w,
@@ -199,52 +199,58 @@ impl Kind<'_> {
                 });
             }
             if !any {
-                out.shapes.truncate(k * self.n_cells());
+                out.errors.truncate(k * self.n_cells());
                 break;
             }
-            let min_w = out.shapes[k * self.n_cells()..].iter().map(|shape| shape.min_request_w);
+            let min_w = out.errors[k * self.n_cells()..].iter().map(|deviation| deviation.min_request_w);
             out.min_requests_w.push(min_w.fold(f64::INFINITY, f64::min));
             add_corners(&mut out.corners, k + 1);
         }
         Some(out)
     }
 
-    /// How far voltage and resistance in a cell are from lying between its nodes.
-    pub(super) fn off(&self, direction: Direction, i: usize, j: usize, at: &[(f64, f64)]) -> Off {
+    /// Ranges and interpolation errors of voltage and resistance in a cell.
+    pub(super) fn cell_bounds(
+        &self,
+        direction: Direction,
+        i: usize,
+        j: usize,
+        at: &[(f64, f64)],
+    ) -> CellBounds {
         let n_temperatures = self.n_temperatures();
         let soc = Range { low: self.soc.at(i as f64), high: self.soc.at((i + 1) as f64) };
         let temperature_c = Range { low: self.temperature_c[j], high: self.temperature_c[j + 1] };
         let [low_low, low_high] = [at[i * n_temperatures + j], at[i * n_temperatures + j + 1]];
         let [high_low, high_high] = [at[(i + 1) * n_temperatures + j], at[(i + 1) * n_temperatures + j + 1]];
-        let mut off = Off {
+        let mut bounds = CellBounds {
             voltage_v: Range::EMPTY,
             resistance_ohm: Range::EMPTY,
             voltage_change_v: (high_low.0 - low_low.0).abs().max((high_high.0 - low_high.0).abs()),
             resistance_change_ohm: (high_low.1 - low_low.1).abs().max((high_high.1 - low_high.1).abs()),
-            voltage_off_v: 0.0,
-            resistance_off_ohm: (0.0, 0.0),
+            voltage_error_v: 0.0,
+            resistance_error_ohm: (0.0, 0.0),
         };
         for (v, r) in [low_low, low_high, high_low, high_high] {
-            off.voltage_v.include(v);
-            off.resistance_ohm.include(r);
+            bounds.voltage_v.include(v);
+            bounds.resistance_ohm.include(r);
         }
         for piece in self.string().pieces(direction, &StateBox { soc, temperature_c }) {
             for corner in self.string().corners(direction, &piece) {
                 let (v, r) = (corner.voltage_v, corner.resistance_ohm);
-                off.voltage_v.include(v);
-                off.resistance_ohm.include(r);
+                bounds.voltage_v.include(v);
+                bounds.resistance_ohm.include(r);
                 let a = (corner.soc - soc.low) / (soc.high - soc.low);
                 let b = (corner.temperature_c - temperature_c.low) / (temperature_c.high - temperature_c.low);
                 let between = |of: &dyn Fn((f64, f64)) -> f64| {
                     (1.0 - a) * ((1.0 - b) * of(low_low) + b * of(low_high))
                         + a * ((1.0 - b) * of(high_low) + b * of(high_high))
                 };
-                off.voltage_off_v = off.voltage_off_v.max((v - between(&|x| x.0)).abs());
+                bounds.voltage_error_v = bounds.voltage_error_v.max((v - between(&|x| x.0)).abs());
                 let resistance = r - between(&|x| x.1);
-                off.resistance_off_ohm.0 = off.resistance_off_ohm.0.max(-resistance);
-                off.resistance_off_ohm.1 = off.resistance_off_ohm.1.max(resistance);
+                bounds.resistance_error_ohm.0 = bounds.resistance_error_ohm.0.max(-resistance);
+                bounds.resistance_error_ohm.1 = bounds.resistance_error_ohm.1.max(resistance);
             }
         }
-        off
+        bounds
     }
 }

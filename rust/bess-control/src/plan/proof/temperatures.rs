@@ -1,4 +1,4 @@
-//! Nodes of temperature.
+//! Temperature nodes.
 
 use bess_tables::Direction;
 
@@ -6,14 +6,14 @@ use super::{DERATING_CELLS, MIN_FACTOR};
 use crate::model::{Interval, Range, StateBox};
 use crate::plan::problem::PlanProblem;
 
-/// Nodes of temperature that no schedule leaves: knots of the tables, and others so that no cell is wider than `widest_k`.
+/// Temperature nodes over the reachable range: knots of the tables, and others so that no cell is wider than `widest_k`.
 pub(super) fn temperatures(problem: &PlanProblem<'_>, members: &[usize], widest_k: f64) -> Vec<f64> {
     let string = &problem.model.strings()[members[0]];
     let Range { low, high } = problem.temperatures_c(members.iter().copied());
     let hottest_c = problem.temperatures_c([]).high;
     let factor = &string.parameters.derating.factor;
     let knots = || factor.x().iter().copied();
-    // What the strings can warm to in one step more, in parts in which the derating factor is nearly one.
+    // Extends the range by the maximum warming of one more step, in parts with a nearly constant derating factor.
     let soc = problem.soc_window(members[0]);
     let max_w = (0..problem.n_steps()).map(|t| problem.cap_w(members[0], t)).fold(0.0, f64::max);
     let mut reached = (low, high);

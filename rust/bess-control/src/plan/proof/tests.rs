@@ -6,10 +6,10 @@ use crate::plan::problem::Point;
 use crate::plan::{dual, Prices};
 use crate::tests::common;
 
-const COARSE: Fineness = Fineness { soc_cells: 40, temperature_k: 4.0 };
+const COARSE: Resolution = Resolution { soc_cells: 40, temperature_k: 4.0 };
 
-/// Kilowatts asked of each string, positive in discharge; states; ambient; limits.
-struct Given {
+/// A plan problem: demand in kW per string, positive in discharge; states; ambient; limits.
+struct Case {
     demand_kw: Vec<f64>,
     dt_h: f64,
     soc: Vec<f64>,
@@ -23,7 +23,7 @@ struct Given {
     running: bool,
 }
 
-impl Given {
+impl Case {
     fn new(demand_kw: Vec<f64>, soc: Vec<f64>, temperature_c: f64) -> Self {
         let limit_kw = vec![92.0; soc.len() * demand_kw.len()];
         let (dt_h, ambient_c, derating) = (0.25, temperature_c, 3e-3);
@@ -84,8 +84,8 @@ fn next(problem: &PlanProblem<'_>, m: usize, t: usize, from: &Point, request_w: 
     Point { state: flow.end, cost: from.cost + rate * interval.dt_h + start, running }
 }
 
-/// Of random steps, states and requests, how many pay less than the values say, for a share of the errors.
-fn violations(given: &Given, share: f64, tries: usize) -> usize {
+/// Number of random steps, states and requests that violate the Bellman inequality, with a share of the errors.
+fn violations(given: &Case, share: f64, tries: usize) -> usize {
     let model = ControlModel::new(&common::reference(given.soc.len()));
     let problem = given.problem(&model);
     let price: Vec<f64> = prices(&problem).iter().map(|l| l.min(1.5e-3)).collect();
@@ -121,13 +121,13 @@ fn violations(given: &Given, share: f64, tries: usize) -> usize {
 }
 
 #[test]
-fn no_step_of_the_control_model_pays_less_than_the_values_say_and_half_the_errors_would_not_do() {
+fn no_step_violates_the_bellman_inequality_but_with_half_the_errors_some_do() {
     let mild = steps(&[(4, -39.0), (2, -5.0), (2, 0.0), (6, 60.0), (2, 10.0)]);
-    let mild = Given::new(mild, vec![0.5; 2], 25.0);
-    let often = Given::new([-0.4, -60.0].repeat(6), vec![0.5; 2], 25.0);
-    assert_eq!(violations(&Given { start: 10.0, ..often }, 1.0, 150_000), 0);
+    let mild = Case::new(mild, vec![0.5; 2], 25.0);
+    let often = Case::new([-0.4, -60.0].repeat(6), vec![0.5; 2], 25.0);
+    assert_eq!(violations(&Case { start: 10.0, ..often }, 1.0, 150_000), 0);
     let hot = steps(&[(6, 85.0), (1, 0.0), (6, -85.0)]);
-    let hot = |derating: f64| Given { derating, ..Given::new(hot.clone(), vec![0.3; 2], 47.0) };
+    let hot = |derating: f64| Case { derating, ..Case::new(hot.clone(), vec![0.3; 2], 47.0) };
     for given in [mild, hot(3e-3), hot(6e-4), hot(0.0)] {
         assert_eq!(violations(&given, 1.0, 150_000), 0);
         let seen = violations(&given, 0.5, 150_000);
@@ -135,7 +135,7 @@ fn no_step_of_the_control_model_pays_less_than_the_values_say_and_half_the_error
     }
 }
 
-/// Each demand shared in a random way, and over time in the same way or not; costs are those of a roll-out.
+/// Each demand is allocated at random, with shares constant over time or not; costs are those of a roll-out.
 fn cheapest(problem: &PlanProblem<'_>, tries: usize) -> f64 {
     let mut random = fastrand::Rng::with_seed(5);
     let n = problem.n_strings();
@@ -176,30 +176,30 @@ fn cheapest(problem: &PlanProblem<'_>, tries: usize) -> f64 {
 fn no_schedule_costs_less_than_the_bound() {
     let day = steps(&[(6, -39.0), (2, 0.0), (8, 39.0), (2, 12.0), (4, -70.0)]);
     let mut cases = vec![
-        Given::new(day.clone(), vec![0.5, 0.5], 25.0),
-        Given::new(day.clone(), vec![0.4, 0.6, 0.9], -5.0).limited(2, 0..day.len(), 0.0),
-        Given::new(day.clone(), vec![0.5, 0.2], 44.0).limited(0, 0..day.len(), 60.0),
+        Case::new(day.clone(), vec![0.5, 0.5], 25.0),
+        Case::new(day.clone(), vec![0.4, 0.6, 0.9], -5.0).limited(2, 0..day.len(), 0.0),
+        Case::new(day.clone(), vec![0.5, 0.2], 44.0).limited(0, 0..day.len(), 60.0),
         // A string is out of service for some of the steps, another is limited later.
-        Given::new(day.clone(), vec![0.6, 0.4, 0.5], 25.0).limited(0, 8..20, 0.0).limited(1, 15..22, 40.0),
-        Given::new(steps(&[(12, 80.0)]), vec![0.05, 0.3], 25.0),
-        Given::new(steps(&[(12, -80.0)]), vec![0.99, 0.7], 25.0),
-        Given::new(vec![39.0], vec![0.5, 0.5], 25.0),
-        Given::new(vec![0.001, -0.001, 0.0005], vec![0.5, 0.5], 25.0),
-        Given::new(vec![0.0; 3], vec![0.5, 0.5], 25.0),
-        // An inverter needs more than it is asked for, and takes the rest from the battery.
-        Given { start: 0.0, ..Given::new(vec![-0.45], vec![0.5, 0.5], 25.0) },
+        Case::new(day.clone(), vec![0.6, 0.4, 0.5], 25.0).limited(0, 8..20, 0.0).limited(1, 15..22, 40.0),
+        Case::new(steps(&[(12, 80.0)]), vec![0.05, 0.3], 25.0),
+        Case::new(steps(&[(12, -80.0)]), vec![0.99, 0.7], 25.0),
+        Case::new(vec![39.0], vec![0.5, 0.5], 25.0),
+        Case::new(vec![0.001, -0.001, 0.0005], vec![0.5, 0.5], 25.0),
+        Case::new(vec![0.0; 3], vec![0.5, 0.5], 25.0),
+        // An inverter with a loss above its request takes the difference from the battery.
+        Case { start: 0.0, ..Case::new(vec![-0.45], vec![0.5, 0.5], 25.0) },
     ];
-    cases.push(Given { dt_h: 1.0 / 60.0, ..Given::new(day.repeat(3), vec![0.5, 0.5], 25.0) });
-    cases.push(Given { ambient_c: 45.0, ..Given::new(day.clone(), vec![0.5, 0.5], 30.0) });
-    // Strings that run go on with less than their inverters lose.
-    cases.push(Given {
+    cases.push(Case { dt_h: 1.0 / 60.0, ..Case::new(day.repeat(3), vec![0.5, 0.5], 25.0) });
+    cases.push(Case { ambient_c: 45.0, ..Case::new(day.clone(), vec![0.5, 0.5], 30.0) });
+    // Strings continue to run with requests below their inverter losses.
+    cases.push(Case {
         start: 10.0,
         running: true,
-        ..Given::new(steps(&[(2, -0.4), (4, -39.0)]), vec![0.5, 0.5], 25.0)
+        ..Case::new(steps(&[(2, -0.4), (4, -39.0)]), vec![0.5, 0.5], 25.0)
     });
-    // Derated requests that cost less than the demand is worth.
+    // Derated requests that cost less than the price of the demand.
     for (derating, temperature_c) in [(1e-5, 25.0), (0.0, 44.0), (1e-5, 52.0), (0.0, 57.0)] {
-        cases.push(Given { derating, ..Given::new(day.clone(), vec![0.5, 0.2], temperature_c) });
+        cases.push(Case { derating, ..Case::new(day.clone(), vec![0.5, 0.2], temperature_c) });
     }
     for (case, given) in cases.iter().enumerate() {
         let mut system = common::reference(given.soc.len());
@@ -221,17 +221,17 @@ fn no_schedule_costs_less_than_the_bound() {
 }
 
 #[test]
-fn at_rated_demand_a_proof_takes_less_than_a_tenth_off_the_bound_of_the_grid() {
+fn at_rated_demand_the_proven_bound_is_within_a_tenth_of_the_grid_bound() {
     let day = steps(&[(10, -39.0), (2, -15.0), (2, 0.0), (19, 39.0), (3, 15.0), (2, 0.0), (10, -39.0)]);
     let model = ControlModel::new(&common::reference(2));
-    let mut problem = Given::new(day, vec![0.5; 2], 25.0).problem(&model);
+    let mut problem = Case::new(day, vec![0.5; 2], 25.0).problem(&model);
     (problem.prices.end_charge, problem.prices.wear, problem.prices.start) = (0.0, vec![0.0; 2], 0.0);
     let dual = dual::ascend(&problem, vec![4e-5; problem.n_steps()], 30.0, 40);
     let bound = bound(&problem, &dual.price, 160).unwrap();
     assert!(0.9 * dual.bound < bound && bound < dual.bound, "{bound} of {}", dual.bound);
 }
 
-/// A point within a box: where in its cell of SOC and temperature, and between its currents.
+/// Position of a point in a box: in its cell of SOC and temperature, and between its currents.
 struct Inside {
     soc: f64,
     temperature: f64,
@@ -252,7 +252,7 @@ impl Inside {
     }
 }
 
-/// Values after a step that stress one part of the errors each.
+/// Values after a step, each of which stresses one part of the errors.
 fn some_values(kind: &Kind<'_>, random: &mut fastrand::Rng) -> Vec<f64> {
     let flat = random.bool();
     let mut uneven = |scale: f64| -> Vec<f64> {
@@ -267,7 +267,7 @@ fn some_values(kind: &Kind<'_>, random: &mut fastrand::Rng) -> Vec<f64> {
     (0..kind.n_nodes()).map(node).collect()
 }
 
-/// By how much a point within a box costs less than its errors allow, at random prices and values; None where none ends there.
+/// Maximum violation of the error bounds by points of a box, at random prices and values; None if the box is unreachable.
 fn excess(problem: &mut PlanProblem<'_>, random: &mut fastrand::Rng) -> Option<f64> {
     let mut maybe = |scale: f64| if random.bool() { scale * random.f64() } else { 0.0 };
     let (battery, inverter, derating, price) = (maybe(1e-3), maybe(1e-3), maybe(3e-3), maybe(3e-3));
@@ -275,18 +275,18 @@ fn excess(problem: &mut PlanProblem<'_>, random: &mut fastrand::Rng) -> Option<f
     let problem: &PlanProblem<'_> = problem;
     let interval = &problem.intervals[0];
     let kind = Kind::new(problem, &[0, 1], COARSE)?;
-    let moves = kind.moves[which(interval.direction)].as_ref()?;
+    let moves = kind.moves[direction_index(interval.direction)].as_ref()?;
     let images = kind.images(interval, Some(moves));
     let step = StepPrices::new(&kind, 0, price, Some(moves));
     let values = some_values(&kind, random);
-    let bends = Bends::new(&kind, &values);
+    let curvature = Curvature::new(&kind, &values);
     let cap_w = kind.cap_w(0);
     let string = kind.string();
     let delivered = delivered::Delivered::new(string.loss(interval.direction))?;
     let n = kind.n_temperatures();
-    let mut most = None;
+    let mut largest = None;
     for k in 0..moves.n_boxes_within(cap_w) {
-        let errors = kind.box_errors((moves, &images), &bends, &step, k);
+        let errors = kind.box_errors((moves, &images), &curvature, &step, k);
         for _ in 0..400 {
             let (i, j) = (random.usize(0..kind.soc.len - 1), random.usize(0..n - 1));
             let error = errors[i * (n - 1) + j];
@@ -340,19 +340,19 @@ fn excess(problem: &mut PlanProblem<'_>, random: &mut fastrand::Rng) -> Option<f
             };
             let expected: f64 = triangle.iter().map(corner).sum();
             let excess = expected - error - paid;
-            most = Some(f64::max(most.unwrap_or(f64::NEG_INFINITY), excess));
+            largest = Some(f64::max(largest.unwrap_or(f64::NEG_INFINITY), excess));
         }
     }
-    most
+    largest
 }
 
 #[test]
-fn within_every_box_no_point_costs_less_than_the_corners_and_the_errors_say() {
+fn no_point_of_a_box_is_below_the_interpolation_minus_its_errors() {
     let model = ControlModel::new(&common::reference(2));
     let mut random = fastrand::Rng::with_seed(7);
     for demand_kw in [60.0, -60.0, 92.0, -92.0] {
         for temperature_c in [5.0, 25.0, 46.0] {
-            let given = Given { derating: 0.0, ..Given::new(vec![demand_kw], vec![0.5; 2], temperature_c) };
+            let given = Case { derating: 0.0, ..Case::new(vec![demand_kw], vec![0.5; 2], temperature_c) };
             let mut problem = given.problem(&model);
             let mut found = 0;
             for _ in 0..40 {

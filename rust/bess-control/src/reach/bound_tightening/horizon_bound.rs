@@ -71,7 +71,7 @@ impl<'a> OperatingRanges<'a> {
     }
 
     /// Remaining share of a temperature difference after a step.
-    pub(super) fn keep(&self, m: usize, t: usize) -> f64 {
+    pub(super) fn retained_share(&self, m: usize, t: usize) -> f64 {
         let dt_s = self.horizon.intervals[t].dt_h * SECONDS_PER_HOUR;
         1.0 - dt_s * self.horizon.string(m).parameters.lumped.k2_per_s
     }
@@ -95,9 +95,10 @@ impl<'a> HorizonBound<'a> {
         let mut horizon_bound = Self { operating, costs, steps: Vec::with_capacity(n_steps), bound: 0.0 };
         let mut values = Vec::with_capacity(n_strings);
         for m in 0..n_strings {
-            let (of_string, worth) = horizon_bound.values(m, &scale_price[m * n_steps..(m + 1) * n_steps]);
+            let (of_string, idle_value) =
+                horizon_bound.values(m, &scale_price[m * n_steps..(m + 1) * n_steps]);
             values.push(of_string);
-            horizon_bound.bound -= worth;
+            horizon_bound.bound -= idle_value;
         }
         for t in 0..n_steps {
             let demand_w = horizon.demand_w[t];
@@ -118,8 +119,8 @@ impl<'a> HorizonBound<'a> {
         horizon_bound
     }
 
-    /// Values of a string's state: gains of later `V^2 / R` from charge and temperature now; and their values
-    /// for an idle string.
+    /// Values of charge and temperature of a string in each step, by their effect on later `V^2 / R`; and the total value for an
+    /// idle string.
     fn values(&self, m: usize, prices: &[f64]) -> (Vec<StateValues>, f64) {
         let (operating, n_steps) = (self.operating, prices.len());
         let planes = &operating.planes[m * n_steps..(m + 1) * n_steps];
@@ -128,19 +129,19 @@ impl<'a> HorizonBound<'a> {
         for t in (0..n_steps).rev() {
             out[t] = StateValues { scale_price: prices[t], charge, warmth };
             charge += prices[t] * planes[t].power_scale_per_soc;
-            warmth = operating.keep(m, t) * warmth + prices[t] * planes[t].power_scale_per_k;
+            warmth = operating.retained_share(m, t) * warmth + prices[t] * planes[t].power_scale_per_k;
         }
         let start = operating.horizon.start[m];
-        let (mut idle_c, mut worth) = (start.temperature_c, 0.0);
+        let (mut idle_c, mut idle_value) = (start.temperature_c, 0.0);
         for (t, plane) in planes.iter().enumerate() {
-            worth += prices[t]
+            idle_value += prices[t]
                 * (plane.power_scale_w
                     + plane.power_scale_per_soc * start.soc
                     + plane.power_scale_per_k * idle_c);
-            let keep = operating.keep(m, t);
-            idle_c = keep * idle_c + (1.0 - keep) * operating.horizon.intervals[t].ambient_c;
+            let retained = operating.retained_share(m, t);
+            idle_c = retained * idle_c + (1.0 - retained) * operating.horizon.intervals[t].ambient_c;
         }
-        (out, worth)
+        (out, idle_value)
     }
 
     /// Cost of a string in a step minus the value of its state change, and a constant.
@@ -162,7 +163,7 @@ impl<'a> HorizonBound<'a> {
         let power_price = -gained / usual;
         let mut costs = self.costs[m];
         let mut constant = 0.0;
-        // Internal power is that of the inverter, plus the heat in discharge, less it in charge.
+        // The internal power V I is the power of the inverter plus (discharge) or minus (charge) the heat.
         costs.battery += if direction == Direction::Discharge { power_price } else { -power_price };
         costs.battery -= values.warmth * self.operating.kelvin_per_w(m, t);
         if costs.battery < 0.0 {
@@ -170,7 +171,7 @@ impl<'a> HorizonBound<'a> {
             costs.battery = 0.0;
         }
         if direction == Direction::Charge && gained != 0.0 {
-            // Where an inverter draws from the battery, the other end of the voltage counts.
+            // For an inverter that discharges the battery, the other end of the voltage range bounds.
             let lowest = loss.internal_range(0.0, limit_w).low;
             let drawn = -lowest.min(0.0) + heat_w(lowest.min(0.0), ranges.power_scale_w.low, direction);
             constant -= (gained / usual - gained / other).abs() * drawn;
@@ -191,20 +192,20 @@ impl<'a> HorizonBound<'a> {
     }
 
     /// Maximum saving by shedding.
-    pub(super) fn saved(&self, budget_w: f64, cheapest_shed: f64) -> f64 {
+    pub(super) fn max_saving(&self, budget_w: f64, cheapest_shed: f64) -> f64 {
         let mut slopes: Vec<_> = (self.steps.iter().zip(&self.operating.horizon.demand_w))
             .filter_map(|(step, demand_w)| Some((step.as_ref()?.bound.shed_slope - cheapest_shed, *demand_w)))
             .filter(|(slope, _)| *slope > 0.0 && slope.is_finite())
             .collect();
         slopes.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut left_w = budget_w;
-        let mut saved = 0.0;
+        let mut max_saving = 0.0;
         for (slope, demand_w) in slopes {
             let shed_w = demand_w.min(left_w);
-            saved += slope * shed_w;
+            max_saving += slope * shed_w;
             left_w -= shed_w;
         }
-        saved
+        max_saving
     }
 }
 
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_charge_and_warmth_are_worth_no_flow_of_a_string_is_below_its_curve_and_constant() {
+    fn at_any_value_of_the_state_no_flow_of_a_string_is_below_its_cost_curve() {
         let mut random = fastrand::Rng::with_seed(5);
         let mut worth_more_than_it_costs = 0;
         for case in 0..40 {

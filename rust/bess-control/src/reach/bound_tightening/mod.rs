@@ -79,7 +79,7 @@ impl ControlHorizon {
             let operating = OperatingRanges::new(self, &best.boxes, &reference.states);
             let bounded = |scale_price: &[f64]| {
                 let horizon_bound = HorizonBound::new(&operating, costs, scale_price, shed_budget_w);
-                (horizon_bound.bound - horizon_bound.saved(shed_budget_w, cheapest_shed), horizon_bound)
+                (horizon_bound.bound - horizon_bound.max_saving(shed_budget_w, cheapest_shed), horizon_bound)
             };
             // Over wide boxes the planes may be so high that the values of the state loosen the bound.
             let mut held = bounded(&reference.scale_price);
@@ -97,7 +97,7 @@ impl ControlHorizon {
                 break;
             }
             last = slack;
-            let Some(boxes) = Tightening::new(&horizon_bound, slack).narrowed() else {
+            let Some(boxes) = Tightening::new(&horizon_bound, slack).tightened() else {
                 best.bound = cutoff;
                 break;
             };

@@ -69,12 +69,12 @@ impl<'a> Tightening<'a> {
     }
 
     /// Tightened boxes, or None if one is empty.
-    pub(super) fn narrowed(&self) -> Option<Vec<StateBox>> {
-        let rows = (0..self.horizon_bound.operating.horizon.n_strings()).map(|m| self.narrowed_string(m));
+    pub(super) fn tightened(&self) -> Option<Vec<StateBox>> {
+        let rows = (0..self.horizon_bound.operating.horizon.n_strings()).map(|m| self.tightened_string(m));
         rows.collect::<Option<Vec<_>>>().map(|rows| rows.concat())
     }
 
-    fn narrowed_string(&self, m: usize) -> Option<Vec<StateBox>> {
+    fn tightened_string(&self, m: usize) -> Option<Vec<StateBox>> {
         let operating = self.horizon_bound.operating;
         let horizon = operating.horizon;
         let row = &operating.boxes[m * (horizon.n_steps() + 1)..(m + 1) * (horizon.n_steps() + 1)];
@@ -84,18 +84,18 @@ impl<'a> Tightening<'a> {
         let (mut unheated_c, mut kept) = (start.temperature_c, 1.0);
         let mut out = vec![row[0]];
         for (t, interval) in horizon.intervals.iter().enumerate() {
-            let keep = operating.keep(m, t);
-            unheated_c = keep * unheated_c + (1.0 - keep) * interval.ambient_c;
+            let retained = operating.retained_share(m, t);
+            unheated_c = retained * unheated_c + (1.0 - retained) * interval.ambient_c;
             let reached = horizon.string(m).cell(&out[t], &horizon.request_range(m, t), interval).end;
             let mut now = row[t + 1].intersection(&reached);
             now.soc.low = now.soc.low.max(start.soc - lost[t + 1] - SOC_ROUNDING);
             now.soc.high = now.soc.high.min(start.soc + gained[t + 1] + SOC_ROUNDING);
-            if keep > 0.0 {
+            if retained > 0.0 {
                 // Heat decays: its full amount is an upper bound, the remainder of the oldest heat a lower bound.
                 let low = unheated_c - kept * cool[t + 1] - TEMPERATURE_ROUNDING_K;
                 let high = unheated_c + warmed[t + 1] + TEMPERATURE_ROUNDING_K;
                 now.temperature_c = now.temperature_c.intersection(&Range { low, high });
-                kept *= keep;
+                kept *= retained;
             }
             if now.is_empty() {
                 return None;
