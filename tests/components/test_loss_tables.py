@@ -171,7 +171,7 @@ def test_sandia_model_returns_its_rating_and_its_self_consumption() -> None:
     np.testing.assert_allclose(ac / 1e5, table.load, atol=1e-12)
 
 
-def test_sandia_coefficients_that_make_no_inverter_are_refused() -> None:
+def test_invalid_sandia_coefficients_are_refused() -> None:
     with pytest.raises(bess.InputError, match="need 0 < Paco < Pdco"):
         bess.inverter_from_sandia(
             paco_w=1e5,

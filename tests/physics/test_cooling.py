@@ -303,9 +303,9 @@ def test_the_controllers_model_follows_the_kind() -> None:
     assert liquid.lumped is not None and hybrid.lumped is not None
     # The thermostat holds strings between 25 and 30 degC whatever the ambient.
     assert 24.0 < float(liquid.surroundings_c(np.array(35.0))) < 30.0
-    np.testing.assert_allclose(liquid.lumped.follows, 0.0, atol=0.02)
+    np.testing.assert_allclose(liquid.lumped.ambient_gain, 0.0, atol=0.02)
     assert liquid.strings[0].thermal.lumped.k2_per_s > hybrid.strings[0].thermal.lumped.k2_per_s
-    assert hybrid.lumped.follows[0] > 0.05
+    assert hybrid.lumped.ambient_gain[0] > 0.05
 
 
 def test_a_controller_that_is_told_no_ambient_takes_what_the_strings_cool_towards() -> None:

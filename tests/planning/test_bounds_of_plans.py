@@ -156,7 +156,7 @@ def test_a_day_at_rated_demand_is_planned_to_three_per_cent() -> None:
         assert plan.cost < plan.rule_cost
 
 
-def test_a_price_of_starts_takes_starts_away() -> None:
+def test_a_price_of_starts_reduces_starts() -> None:
     system, state = bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0])
     starts = []
     for start_kwh in (0.0, 0.5):
@@ -200,6 +200,6 @@ def test_a_negative_cost_has_no_relative_gap() -> None:
     assert np.isnan(plan.gap) and np.isnan(plan.search_gap)
 
 
-def test_nothing_to_do_is_done_at_no_cost_and_without_a_gap() -> None:
+def test_a_plan_without_demand_has_no_cost_and_no_gap() -> None:
     plan = bess.plan_power(bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0]), [0.0] * 4)
     assert plan.cost == plan.gap == plan.search_gap == 0.0

@@ -41,7 +41,7 @@ def test_a_plan_of_groups_shares_out_the_demand_at_the_cost_of_its_true_strings(
     assert plan.cost == pytest.approx(by_hand(given, plan.request_kw), rel=ROUNDING)
 
 
-def test_a_carried_plan_of_groups_never_costs_more_than_what_it_was_made_from() -> None:
+def test_a_warm_started_plan_of_groups_never_costs_more_than_its_start() -> None:
     given = case(5)
     planner = Planner(given.system, 24, DT_H, rollouts=10, balance=0.0, price_passes=0, first_step_weight=1.0)
     first = given.plan(planner)
@@ -79,7 +79,7 @@ def test_memory_continues_a_plan_of_groups_to_the_same_bits() -> None:
     np.testing.assert_array_equal(one.request_kw, other.request_kw)
 
 
-def test_groups_hold_like_strings_in_like_states_and_none_out_of_service() -> None:
+def test_groups_contain_similar_strings_in_service() -> None:
     given = case(8, n_strings=200)
     groups = groups_of(given.system, given.state, given.limit_kw)
     assert groups is not None

@@ -43,7 +43,7 @@ def test_a_plan_shares_the_demand_within_limits_and_in_its_direction(
 @pytest.mark.independent
 @settings(max_examples=12, deadline=None)
 @given(seed=SEEDS, n_strings=st.integers(1, 4), n_steps=st.integers(2, 32))
-def test_the_cost_of_a_plan_is_that_of_a_roll_out_and_never_above_the_plan_carried_along(
+def test_the_cost_of_a_plan_is_that_of_a_roll_out_and_never_above_the_warm_start(
     seed: int, n_strings: int, n_steps: int
 ) -> None:
     problem = case(seed, n_strings, n_steps)
@@ -82,7 +82,7 @@ def test_a_plan_beats_every_rule_where_charge_is_short() -> None:
     assert plan.cost < 0.9 * plan.rule_cost
 
 
-def test_calls_repeat_to_the_last_bit_and_continue_from_what_is_remembered() -> None:
+def test_calls_repeat_to_the_last_bit_and_continue_from_a_state_dict() -> None:
     problem = case(7, 3, 24)
 
     def three(planner: Planner) -> list[Plan]:
@@ -125,7 +125,7 @@ def test_effort_is_counted_in_roll_outs() -> None:
     assert second.rollouts <= 50 + 20
 
 
-def test_a_plan_that_nothing_new_was_found_for_is_not_searched_for_long() -> None:
+def test_a_warm_start_without_gains_ends_the_search_early() -> None:
     """Asked for the same again and again, the moves run out; from another state, not yet."""
     demand = np.zeros(48)
     demand[8:16], demand[30:40] = -60.0, 90.0
@@ -160,7 +160,7 @@ def test_a_plan_of_one_string_is_the_demand(sign: float) -> None:
     np.testing.assert_allclose(plan.unmet_kw, np.maximum(np.abs(demand) - largest, 0.0), rtol=1e-12)
 
 
-def test_a_string_out_of_service_is_asked_for_nothing_and_comes_back() -> None:
+def test_a_string_out_of_service_gets_no_request_until_it_returns() -> None:
     system = bess.System.reference(3)
     state = bess.State([0.5, 0.6, 0.4], [25.0, 30.0, 35.0])
     planner = Planner(system, 24, DT_H, rollouts=20)
@@ -255,7 +255,7 @@ def plan_with(**given: object) -> Plan:
         ({"dt_h": 24.0}, "too long for the lumped thermal model"),
     ],
 )
-def test_what_is_wrong_is_named(wrong: dict[str, object], says: str) -> None:
+def test_messages_name_the_invalid_argument(wrong: dict[str, object], says: str) -> None:
     plan_with()
     with pytest.raises(bess.InputError, match=says):
         plan_with(**wrong)
@@ -273,7 +273,7 @@ def test_a_call_that_is_refused_changes_nothing() -> None:
     np.testing.assert_array_equal(before["plan_kw"], after["plan_kw"])
 
 
-def test_money_keeps_charge_for_the_dear_hour() -> None:
+def test_a_plan_in_money_keeps_charge_for_the_expensive_hour() -> None:
     """One string is all but empty: asked for the cheap hour it fails, and the other keeps what it has."""
     system = bess.System.reference(2)
     price, demand = np.repeat([20.0, 400.0], 4), np.full(8, 80.0)
@@ -303,7 +303,7 @@ def test_a_start_of_an_inverter_is_paid_once_and_only_where_it_was_off() -> None
     assert running.size == 1
 
 
-def test_what_did_not_come_as_foreseen_is_trusted_less_and_forgotten_in_time() -> None:
+def test_forecast_errors_raise_the_relative_error_and_are_forgotten_in_time() -> None:
     """A demand a fifth above its forecast, then a lost inverter, then nothing unforeseen for a week."""
     system, demand = bess.System.reference(2), np.full(8, 60.0)
     planner = Planner(system, 8, DT_H, rollouts=0)

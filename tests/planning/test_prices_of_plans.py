@@ -18,7 +18,7 @@ def prices_of(
     return PlanPrices.money(goals, terms, np.array(demand), np.array(price), np.zeros(2))
 
 
-def test_a_loss_costs_what_the_charging_to_come_costs() -> None:
+def test_a_loss_costs_as_much_as_later_charging() -> None:
     price = [10.0, 100.0, 30.0, 50.0, 200.0]
     prices = prices_of(SettlementTerms(charge_fee_eur_mwh=5.0), price, [-10.0, 80.0, -10.0, -30.0, 80.0])
     later = (35.0 + 3 * 55.0) / 4

@@ -67,7 +67,7 @@ def cost_kwh(kpis: Mapping[str, float]) -> float:
 
 
 @pytest.mark.parametrize("forecast", ["perfect", "persistence"])
-def test_outages_and_limits_that_nobody_foresaw_cost_no_more_than_under_soc(
+def test_unforeseen_outages_and_limits_cost_no_more_than_under_soc(
     forecast: str, soc: dict[str, float]
 ) -> None:
     study = outages("mpc", **{"demand.forecast": forecast})

@@ -170,7 +170,7 @@ def test_an_impossible_ambient_is_refused(ambient_c: Any) -> None:
         plant(SYSTEM, np.full(3, 0.5), np.full(3, 25.0)).step(np.zeros(3), ambient_c=ambient_c)
 
 
-def test_a_snapshot_that_is_no_state_is_refused() -> None:
+def test_an_invalid_snapshot_is_refused() -> None:
     subject = plant(SYSTEM, np.full(3, 0.5), np.full(3, 25.0))
     snapshot = subject.snapshot()
     snapshot.soc[1] = 1.2

@@ -43,7 +43,7 @@ def test_one_step_at_nominal_power_is_the_root_of_its_quadratic(
     np.testing.assert_allclose(sign * 92.0, v * roll.current_a[0] / 1e3 - heat_kw - loss, rtol=1e-10)
 
 
-def test_a_string_that_is_asked_for_nothing_is_off_and_cools(system: bess.System) -> None:
+def test_a_string_without_a_request_is_off_and_cools(system: bess.System) -> None:
     roll = bess.rollout(system, bess.State([0.5, 0.5], [45.0, 25.0]), np.zeros((2, 1)))
     assert not np.any(roll.inverter_loss_kw)
     assert not np.any(roll.current_a)

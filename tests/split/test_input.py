@@ -64,7 +64,7 @@ def test_state_with_another_number_of_strings_is_refused(splitter):
         splitter(bess.State([0.5] * 3, [25.0] * 3), [10.0] * STEPS)
 
 
-def test_something_that_is_no_state_is_refused(splitter):
+def test_an_object_that_is_not_a_state_is_refused(splitter):
     with pytest.raises(bess.InputError, match="State"):
         splitter(GOOD_STATE, [10.0] * STEPS)
 
@@ -121,7 +121,7 @@ def test_a_refused_call_leaves_the_splitter_as_it_was(splitter):
     np.testing.assert_array_equal(splitter.warm_start, before)
 
 
-def test_a_demand_that_one_of_two_inverters_is_too_large_for_goes_to_the_other():
+def test_a_demand_below_the_minimum_power_of_one_inverter_goes_to_the_other():
     document = bess.System.reference(2).document
     document["string"] = [{}, {"inverter": {"min_power_kw": 0.17}}]
     system, state = bess.System(document), bess.State(**GOOD_STATE)

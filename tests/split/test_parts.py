@@ -206,7 +206,7 @@ def test_the_bound_of_a_node_comes_from_its_dual_not_from_its_primal_objective(m
     assert answer.bound <= 0.5
 
 
-def test_shadow_prices_tell_what_a_tighter_limit_costs_before_it_is_solved():
+def test_shadow_prices_predict_the_cost_of_a_tighter_limit():
     """To first order: at the point and the prices of a program that was solved."""
     program = _norm_program()
     none, zeros = np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns)
@@ -219,7 +219,7 @@ def test_shadow_prices_tell_what_a_tighter_limit_costs_before_it_is_solved():
     assert 0.0 < gain == pytest.approx(costs - at.bound, rel=0.1)
 
 
-def test_a_variable_that_is_held_costs_what_it_costs():
+def test_a_fixed_variable_keeps_its_cost():
     program = _norm_program()
     data = program.load(program.parameters({"limit": np.array([1.0, 1.0, 1.0])}))
     fixed, values = np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns)

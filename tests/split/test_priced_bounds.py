@@ -28,7 +28,7 @@ def test_no_schedule_costs_less_than_its_bound(corner: str, n_steps: int, object
 
 
 @pytest.mark.parametrize("corner", CORNERS)
-def test_nor_does_one_of_more_strings_than_prices_ascend_on(corner: str) -> None:
+def test_no_schedule_of_more_strings_than_the_price_sample_costs_less_than_its_bound(corner: str) -> None:
     rng = np.random.default_rng(list(CORNERS).index(corner))
     document = differing(2, rng).document
     document["string"] *= PRICED_SAMPLE // 2 + 4

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import bess
 from bess.control.problem import SplitProblem
-from bess.control.split.carried import Carried
+from bess.control.split.warm_start import WarmStart
 
 REFERENCE = bess.System.reference(n_strings=2)
 
@@ -124,17 +124,17 @@ def test_a_splitter_gives_the_same_answer_whatever_it_solved_before():
         ({"limit_kw": -20.0}, False),
     ],
 )
-def test_a_schedule_is_carried_on_where_demand_limits_and_state_are_about_as_it_expects(changes, goes_on):
+def test_a_warm_start_is_valid_if_demand_limits_and_state_are_close_to_the_expected(changes, goes_on):
     def problem(state, demand_kw, limit_kw):
         return SplitProblem.check(REFERENCE, 3, 0.25, state, demand_kw, None, limit_kw)
 
     change = {"soc": 0.0, "temperature_c": 0.0, "demand_kw": 0.0, "limit_kw": 0.0} | changes
     state, demand_kw, limit_kw = bess.State([0.5, 0.6], [30.0, 31.0]), [100.0, 80.0, 90.0], np.full(2, 92.0)
     split = bess.PowerSplit(REFERENCE, 3)(state, demand_kw, limit_kw=limit_kw)
-    carried = Carried.after(problem(state, demand_kw, limit_kw), split.request_kw, split.rollout)
+    carried = WarmStart.after(problem(state, demand_kw, limit_kw), split.request_kw, split.rollout)
     now = bess.State(carried.soc + change["soc"], carried.temperature_c + change["temperature_c"])
     ahead_kw = np.array([80.0, 90.0, 20.0]) + change["demand_kw"]
-    assert carried.continues_in(problem(now, ahead_kw, limit_kw + change["limit_kw"])) is goes_on
+    assert carried.is_valid_for(problem(now, ahead_kw, limit_kw + change["limit_kw"])) is goes_on
 
 
 def test_of_unrelated_problems_a_used_splitter_solves_none_worse_than_a_fresh_one():
@@ -171,14 +171,14 @@ def test_demand_above_the_plant_is_split_at_full_power_and_the_rest_is_unmet():
     np.testing.assert_allclose(split.unmet_kw, [16.0, 6.0])
 
 
-def test_a_string_out_of_service_is_asked_for_nothing():
+def test_a_string_out_of_service_gets_no_request():
     splitter = bess.PowerSplit(REFERENCE, 2)
     split = splitter(REFERENCE.initial_state(), [50.0, -60.0], limit_kw=[0.0, 92.0])
     np.testing.assert_allclose(split.request_kw, [[0.0, 0.0], [50.0, -60.0]])
     assert not split.inverter_on[0].any()
 
 
-def test_a_time_limit_of_nothing_still_gives_the_best_split_known_and_says_so():
+def test_a_time_limit_of_zero_returns_the_incumbent_with_its_status():
     split = bess.split_power(
         REFERENCE, bess.State([0.05, 0.08], [30.0, 30.0]), [90.0, 80.0, 150.0], time_limit_s=0.0
     )
@@ -212,7 +212,7 @@ def test_payoff_normalisation_keeps_the_availability_of_the_constant_one():
     assert bess.split_power(REFERENCE, bess.State([0.4, 0.6], [40.0, 48.0]), demand, goals).gap < 1e-3
 
 
-def test_priorities_decide_which_loss_is_least():
+def test_priorities_decide_which_loss_is_lowest():
     state, demand = bess.State([0.5, 0.5], [25.0, 25.0]), [60.0, 60.0]
     first = bess.Objective(1.0, priority=2)
     inverter = bess.split_power(REFERENCE, state, demand, bess.Objectives(inverter=first))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bess.control.split import tree
-from bess.control.split.tree import Closure, Solved
+from bess.control.split.tree import Solved, Termination
 
 pytestmark = pytest.mark.exhaustive
 
@@ -154,7 +154,7 @@ def test_norm_problem_optimum_is_that_of_enumeration(seed):
     best = min(problem._distance(np.array(x)) for x in itertools.product((0.0, 1.0), repeat=8))
     assert problem.best <= best * (1 + 1e-3) + 1e-12
     assert outcome.bound <= best + 1e-12
-    assert outcome.closure is Closure.GAP
+    assert outcome.reason is Termination.GAP
 
 
 @pytest.mark.parametrize("limit", [1, 2, 5, 12, 40])
@@ -164,7 +164,7 @@ def test_bound_is_valid_and_status_honest_at_any_node_limit(limit):
     assert outcome.bound <= problem.optimum() + 1e-9
     # Both children of a branching are solved together.
     assert outcome.nodes <= limit + 1
-    assert (outcome.closure is Closure.NODE_LIMIT) == (outcome.bound < problem.best - 1e-9)
+    assert (outcome.reason is Termination.NODE_LIMIT) == (outcome.bound < problem.best - 1e-9)
 
 
 def test_nodes_whose_solve_failed_do_not_prune():
@@ -172,7 +172,7 @@ def test_nodes_whose_solve_failed_do_not_prune():
     problem.failing = {1, 2, 4, 7}
     outcome = search(problem, *free(14), gap=0.0, node_limit=10_000)
     assert problem.best == problem.optimum()
-    assert outcome.closure is Closure.GAP
+    assert outcome.reason is Termination.GAP
 
 
 def test_a_failed_leaf_keeps_the_bound_open():
@@ -186,14 +186,14 @@ def test_a_failed_leaf_keeps_the_bound_open():
 
     problem = Failing(np.array([2.0, 3.0]), np.array([2, 3]), 4)
     outcome = search(problem, *free(2), gap=0.0, node_limit=100)
-    assert outcome.closure in (Closure.TREE, Closure.GAP)
+    assert outcome.reason in (Termination.TREE, Termination.GAP)
     assert outcome.bound <= problem.optimum()
 
 
 def test_time_limit_stops_with_a_valid_bound():
     problem = knapsack(3)
     outcome = search(problem, *free(14), gap=0.0, node_limit=10_000, deadline=time.perf_counter() - 1.0)
-    assert outcome.closure is Closure.TIME_LIMIT
+    assert outcome.reason is Termination.TIME_LIMIT
     assert outcome.nodes == 1
     assert outcome.bound <= problem.optimum()
 
@@ -201,7 +201,7 @@ def test_time_limit_stops_with_a_valid_bound():
 def test_infeasible_problem_is_reported_as_such():
     problem = Knapsack(np.ones(2), np.array([5, 5]), 4)
     outcome = search(problem, np.ones(2, dtype=np.int8), np.ones(2, dtype=np.int8), gap=0.0, node_limit=10)
-    assert outcome.closure is Closure.INFEASIBLE
+    assert outcome.reason is Termination.INFEASIBLE
     assert outcome.bound == np.inf
 
 
@@ -246,9 +246,9 @@ class FailingLeaves:
 
 
 @pytest.mark.parametrize("known", [10.0, np.inf])
-def test_leaves_that_were_not_solved_hold_the_bound_down(known):
+def test_unsolved_leaves_limit_the_bound(known):
     outcome = search(FailingLeaves(known), *free(2), gap=1e-3, node_limit=100)
-    assert outcome.closure is Closure.TREE
+    assert outcome.reason is Termination.TREE
     assert outcome.bound <= 1.0
 
 
@@ -270,7 +270,7 @@ def test_a_node_with_an_integral_optimum_is_closed_and_still_holds_the_bound_dow
             return Node(2.0, np.array([0.0, 1.0]))
 
     outcome = search(Integral(), *free(2), gap=1e-3, node_limit=100)
-    assert (outcome.closure, outcome.bound, outcome.nodes) == (Closure.TREE, 2.0, 1)
+    assert (outcome.reason, outcome.bound, outcome.nodes) == (Termination.TREE, 2.0, 1)
 
 
 @pytest.mark.parametrize(("known", "closed"), [(1.0005, True), (1.01, False)])
@@ -285,7 +285,7 @@ def test_the_gap_is_closed_within_the_relative_gap_and_not_beyond(known, closed)
             return Node(1.0, np.array([0.5]))
 
     outcome = search(Root(), *free(1), gap=1e-3, node_limit=1)
-    assert (outcome.closure is Closure.GAP) == closed
+    assert (outcome.reason is Termination.GAP) == closed
     assert outcome.bound <= known
 
 
@@ -308,10 +308,10 @@ class Leaves:
 
 def test_a_closed_gap_reports_what_is_proven_and_not_the_best_known():
     outcome = search(Leaves(9.95, (9.99, 9.97), 10.0), *free(1), gap=1e-2, node_limit=9)
-    assert (outcome.closure, outcome.bound) == (Closure.GAP, 9.95)
+    assert (outcome.reason, outcome.bound) == (Termination.GAP, 9.95)
     # Bounds above the best known say that nothing is better than it.
     outcome = search(Leaves(9.0, (11.0, 12.0), 10.0), *free(1), gap=1e-2, node_limit=9)
-    assert (outcome.closure, outcome.bound) == (Closure.GAP, 10.0)
+    assert (outcome.reason, outcome.bound) == (Termination.GAP, 10.0)
 
 
 class Held(Leaves):
@@ -325,6 +325,6 @@ class Held(Leaves):
         return Node(self.root if lower[0] == 0 else self.leaves[1], np.array([0.5, 0.5]))
 
 
-def test_a_tree_that_a_leaf_holds_down_ends_with_the_bound_of_that_leaf():
+def test_a_tree_limited_by_a_leaf_ends_with_the_bound_of_that_leaf():
     outcome = search(Held(1.0, (2.0, 3.0), 10.0), *free(2), gap=0.0, node_limit=99)
-    assert (outcome.closure, outcome.bound, outcome.nodes) == (Closure.TREE, 2.0, 3)
+    assert (outcome.reason, outcome.bound, outcome.nodes) == (Termination.TREE, 2.0, 3)

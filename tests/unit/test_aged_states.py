@@ -88,7 +88,7 @@ def test_rules_ask_no_more_of_an_aged_string_than_it_holds(name: str) -> None:
         ({"soh_resistance": [np.nan, 1.0]}, "string 0: soh_resistance nan is outside [0.1, 100]"),
     ],
 )
-def test_a_state_of_health_that_is_none_is_refused(keywords: dict[str, list[float]], message: str) -> None:
+def test_an_invalid_state_of_health_is_refused(keywords: dict[str, list[float]], message: str) -> None:
     with pytest.raises(bess.InputError) as error:
         bess.State([0.5, 0.5], [25.0, 25.0], **keywords)
     assert message in str(error.value)

@@ -83,7 +83,7 @@ def test_imports_run_one_way(room: str) -> None:
 
 
 @pytest.mark.parametrize("room", INNER)
-def test_imports_run_one_way_inside_a_room(room: str) -> None:
+def test_imports_run_one_way_inside_a_package(room: str) -> None:
     ranks = _ranks(INNER[room])
     for path in sorted((SOURCE / room).rglob("*.py")):
         here = _inner_room(room, path.relative_to(SOURCE / room).parts[:-1])

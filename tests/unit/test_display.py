@@ -57,7 +57,7 @@ class Text(HTMLParser):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_thing_says_in_one_line_what_it_is(name: str, things: dict[str, tuple[Any, list[str]]]) -> None:
+def test_objects_are_shown_in_one_line(name: str, things: dict[str, tuple[Any, list[str]]]) -> None:
     thing, said = things[name]
     text = repr(thing)
     assert str(thing) == text

@@ -169,7 +169,7 @@ def test_a_contract_is_compared_with_what_came() -> None:
         ({"string": 0, "date": pd.Timestamp("2023-12-31T00:00Z").to_pydatetime()}, "must be after the start"),
     ],
 )
-def test_a_replacement_that_cannot_be_is_refused(table: dict[str, Any], message: str) -> None:
+def test_an_impossible_replacement_is_refused(table: dict[str, Any], message: str) -> None:
     table = {"date": pd.Timestamp("2024-01-02T00:00Z").to_pydatetime()} | table
     with pytest.raises(bess.InputError, match=message):
         run({"run.start": pd.Timestamp("2024-01-01T00:00Z").to_pydatetime(), "replacement": [table]})
@@ -338,7 +338,7 @@ def test_a_search_writes_a_table_whose_page_names_the_best_price(tmp_path: Path)
         ({"scenario": [{"name": "a", "set": {}}]}, "one axis and no scenarios"),
     ],
 )
-def test_a_search_that_cannot_be_is_refused(values: dict[str, Any], message: str) -> None:
+def test_an_invalid_search_is_refused(values: dict[str, Any], message: str) -> None:
     study = bess.load_study("wear-price", {"demand.prices": "prices.csv"} | values)
     with pytest.raises(bess.InputError, match=message):
         refined(study, runs := expand(study), {name: {"net_eur": 0.0} for name in runs})

@@ -117,7 +117,7 @@ def test_the_end_of_life_is_an_event_of_its_string_and_the_run_goes_on() -> None
         ({"system.initial_soh_capacity": [1.0, 0.001]}, "must be in [0.01, 1.5]"),
     ],
 )
-def test_wear_that_is_none_is_refused(values: dict[str, Any], message: str) -> None:
+def test_invalid_wear_is_refused(values: dict[str, Any], message: str) -> None:
     with pytest.raises(bess.InputError) as error:
         run(AGED | values)
     assert message in str(error.value)

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from bess.arrays import Array
 from bess.system.quantities import NonNegative
-from bess.system.section import Choice
+from bess.system.section import PublicSection
 
 NAMES: Final = ("availability", "derating", "inverter", "battery")
 TIE_BREAK_WEIGHT: Final = 2e-4
@@ -27,7 +27,7 @@ Kind = Literal["paper", "energy", "money"]
 Normalisation = Literal["constant", "payoff", "energy"]
 
 
-class Objective(Choice):
+class Objective(PublicSection):
     """One objective, in the words of HiGHS and Gurobi.
 
     Attributes
@@ -74,7 +74,7 @@ class Costs(NamedTuple):
     """Costs of the search, with :data:`TIE_BREAK_WEIGHT` in place of zero weights."""
 
 
-class Objectives(Choice):
+class Objectives(PublicSection):
     """The four objectives: section ``[policy.objectives]`` of a study, and ``bess.Objectives``.
 
     Kind ``paper`` follows [1]_.

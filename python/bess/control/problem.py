@@ -57,16 +57,16 @@ class SplitProblem:
         if step_h is not None and not np.isclose(step_h, dt_h):
             raise InputError(f"demand_kw: times are {step_h:g} h apart, but a step (dt_h) lasts {dt_h:g} h")
         limit = _limits(system, n_steps, limit_kw)
-        largest = limit.sum(axis=0)
-        asked = np.minimum(np.maximum(demand, -largest), largest)
+        max_kw = limit.sum(axis=0)
+        served = np.minimum(np.maximum(demand, -max_kw), max_kw)
         # Demand below the minimum power of every inverter in service is treated as zero.
         min_kw = np.where(limit > 0.0, system.min_power_kw[:, None], np.inf).min(axis=0)
-        asked[np.abs(asked) < min_kw] = 0.0
+        served[np.abs(served) < min_kw] = 0.0
         return cls(
             system=system,
             state=state,
-            demand_kw=asked,
-            unmet_kw=np.abs(demand - asked),
+            demand_kw=served,
+            unmet_kw=np.abs(demand - served),
             ambient_c=surroundings_of_steps(system, ambient_c, n_steps),
             limit_kw=limit,
             dt_h=dt_h,

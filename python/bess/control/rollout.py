@@ -18,7 +18,7 @@ from bess.system.system import surroundings_of_steps
 Model = Literal["start", "midpoint"]
 """Form of the control model: coefficients of the start or of the middle of each step."""
 
-# A request may exceed nominal power by the rounding of a sum, relative.
+# Relative tolerance of a request above nominal power, for the rounding of a sum.
 _SLACK: Final = 1e-9
 
 

@@ -63,7 +63,7 @@ class GridConnection(Checkpointed):
        \quad\text{s. t.}\quad n_t + c_t - d_t \le i_t \le \min(L_m, \max(I, n_t)),\quad
        d_t - c_t - n_t - k_t \le X,\quad 0 \le k_t \le \max(0, -n_t - X) .
 
-    A plan covers a part of a month, but a higher peak is also of use on later days. The peak is therefore
+    A plan covers a part of a month, but a higher peak can also be used on later days. The peak is therefore
     chosen once a day by the same program over the last week and the plan together, at the monthly price
     times the ratio of their hours to the remaining hours: the rest of the month is assumed to be like them.
     In plans :math:`L^0` is this peak, or that of the month so far if it is higher.

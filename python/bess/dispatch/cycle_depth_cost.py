@@ -37,7 +37,7 @@ class CycleDepthCost:
         energy_kwh, share = plant.string_energy_kwh, plant.string_energy_kwh / plant.capacity_kwh
         wears = (string.wear for string in plant.system.strings)
         given = [each.eur_per_mwh if each.model != "none" else None for each in wears]
-        # A price per MWh is planned with as it stands, whatever the cell model would say.
+        # A price per MWh replaces the wear rate of the cell model.
         by_model = np.array([price is None for price in given])
         flat = np.array([0.0 if price is None else price / KWH_PER_MWH for price in given])
         depth, temperature_c = np.array(_DEPTHS), wear.state.temperature_c[:, None]
@@ -86,5 +86,5 @@ class CycleDepthCost:
         corners = energy_kwh[np.r_[0, turns, energy_kwh.size - 1]]
         drawn = np.maximum(-np.diff(corners), 0.0) / self.capacity_kwh
         cycles_eur = np.interp(drawn, self.depth, self.cycle_eur).sum()
-        held_eur = self.holding_eur_kwh_h * dt_h * energy_kwh[1:].sum()
-        return float(discharged_kwh.sum() * self.by_energy_eur_kwh + cycles_eur + held_eur)
+        holding_eur = self.holding_eur_kwh_h * dt_h * energy_kwh[1:].sum()
+        return float(discharged_kwh.sum() * self.by_energy_eur_kwh + cycles_eur + holding_eur)

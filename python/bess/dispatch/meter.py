@@ -17,8 +17,8 @@ from bess.errors import InputError
 class GridPowerTarget:
     """Rule: discharge above the target, charge below it up to ``capacity_kwh``.
 
-    Of all schedules that keep the target, charging as early as possible stores most energy at any time.
-    The rule therefore keeps every target that a schedule with perfect foresight can keep.
+    Of all schedules that keep the target, the one that charges as early as possible has the highest stored
+    energy at any time. The rule therefore keeps every target that is feasible with perfect foresight.
 
     Attributes
     ----------

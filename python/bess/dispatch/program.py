@@ -184,8 +184,8 @@ class StoreProgram(LinearProgram):
 
 _STDOUT = 1
 _STDERR = 2
-_alone = threading.Lock()
-"""File descriptors belong to the whole process."""
+_stdout_lock = threading.Lock()
+"""File descriptors are common to all threads."""
 
 
 @contextmanager
@@ -194,10 +194,10 @@ def _stdout_to_stderr() -> Iterator[None]:
 
     Some messages of HiGHS cannot be switched off. The C library buffers them; it is flushed before and after.
     """
-    with _alone:
+    with _stdout_lock:
         try:
-            kept = os.dup(_STDOUT)
-        except OSError:  # no standard output at all
+            saved = os.dup(_STDOUT)
+        except OSError:  # no standard output
             yield
             return
         try:
@@ -206,8 +206,8 @@ def _stdout_to_stderr() -> Iterator[None]:
             yield
         finally:
             _flush()
-            os.dup2(kept, _STDOUT)
-            os.close(kept)
+            os.dup2(saved, _STDOUT)
+            os.close(saved)
 
 
 def _flush() -> None:

@@ -39,8 +39,8 @@ class CoreController(Protocol):
 
 
 @contextmanager
-def _refusals() -> Iterator[None]:
-    """Convert an error of the core to one of the package."""
+def _input_errors() -> Iterator[None]:
+    """Convert errors of the core to errors of the package."""
     try:
         yield
     except ValueError as error:
@@ -90,7 +90,7 @@ class _Simulation:
         self._nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
         nodes = int(self._nodes.max())
         # Strings with fewer nodes than others are padded with NaN.
-        self._real = np.arange(nodes) < self._nodes[:, None]
+        self._is_node = np.arange(nodes) < self._nodes[:, None]
         temperature_c = np.array([state.temperature_c for state in states])
         start = {
             "soc": np.array([state.soc for state in states]).ravel(),
@@ -103,7 +103,7 @@ class _Simulation:
         self._derating_law = derating_law
         plant_step_s = system.control.plant_step_s if plant_step_s is None else plant_step_s
         self._plant_step_s = _number("plant_step_s", plant_step_s, "s")
-        with _refusals():
+        with _input_errors():
             self.core = _core.Plant(system.core, len(states), self._plant_step_s, derating_law, start)
 
     def __getstate__(self) -> tuple[tuple[Any, ...], PlantSnapshot]:
@@ -193,18 +193,18 @@ class _Simulation:
         for name, values in arrays.items():
             if values is not None or name not in ("cooling_stages", "coolant"):
                 flat[name] = number_array(f"plant: snapshot: {name}", values).ravel()
-        with _refusals():
+        with _input_errors():
             self.core.set_state(flat)
 
     def _core_state(self) -> dict[str, NDArray[Any]]:
-        with _refusals():
+        with _input_errors():
             return self.core.state()
 
     def _states(self) -> list[State]:
         """Measured state of each scenario."""
         flat, shape = self._core_state(), (self._scenarios, self._shape[-1])
         node_c = flat["node_temperature_c"].reshape(*shape, -1)
-        mean_c = node_c.sum(axis=2, where=self._real) / self._nodes
+        mean_c = node_c.sum(axis=2, where=self._is_node) / self._nodes
         rows = flat["ageing"].reshape(*shape, -1)
         health = (rows[..., place] for place in _HEALTH)
         return [State(*each) for each in zip(flat["soc"].reshape(shape), mean_c, *health, strict=True)]
@@ -232,7 +232,7 @@ class _Simulation:
         """Call the core with requests, reactive power and air in its order: step, scenario, string."""
         step_s = _number("control step", step_s, "s")
         reactive = None if reactive_kvar is None else reactive_kvar.ravel()
-        with _refusals():
+        with _input_errors():
             array = self.core.run(request_kw.ravel(), air_c.ravel(), step_s, nodes, reactive)
         return self._flows(array, request_kw.shape, nodes=nodes, reactive=reactive is not None)
 
@@ -246,8 +246,8 @@ class _Simulation:
     ) -> Flows:
         """Convert the flat arrays of the core to flows of ``shape``."""
         cooled = self.system.cooling is not None
-        asked = {"cooling_kw": cooled, "coolant_c": cooled, "reactive_kvar": reactive}
-        array = {name: values for name, values in array.items() if asked.get(name, True)}
+        included = {"cooling_kw": cooled, "coolant_c": cooled, "reactive_kvar": reactive}
+        array = {name: values for name, values in array.items() if included.get(name, True)}
         node_c = array.pop("node_temperature_c")
         shared = {name: array.pop(name).reshape(shape[:-1]) for name in _WITHOUT_STRINGS if name in array}
         if len(shape) > 1:
@@ -387,7 +387,7 @@ class Plant(_Simulation):
         """
         shape = limit_kw.shape
         inputs = np.ascontiguousarray(ahead_kw), np.ascontiguousarray(limit_kw), ambient_c, step_s
-        with _refusals():
+        with _input_errors():
             array = controller.run(self.core, *inputs)
         request_kw = array.pop("request_kw").reshape(shape)
         return request_kw, self._flows(array, shape)

@@ -25,7 +25,7 @@ COMPONENTS: dict[str, tuple[str, Callable[[str], dict[str, Any]], tuple[str, ...
     "battery": ("cell", cell_tables, CELL_KEYS),
     "inverter": ("model", inverter_section, INVERTER_KEYS),
 }
-"""Sections in which a name stands for a bundled component: its key, its tables, and the keys they replace."""
+"""Sections in which a name selects a bundled component: key of the name, its tables, keys they replace."""
 
 
 class StringParameters(Section):

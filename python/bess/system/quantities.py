@@ -16,8 +16,8 @@ from bess.system.state import SOH_CAPACITY_RANGE, SOH_RESISTANCE_RANGE
 
 
 @dataclass(frozen=True)
-class Within:
-    """Reject numbers outside ``[low, high]``; ``above`` and ``below`` exclude the end of the range."""
+class InRange:
+    """Validator of the range ``[low, high]``; ``above`` and ``below`` exclude the end of the range."""
 
     low: float
     high: float
@@ -45,16 +45,16 @@ class Within:
         """Return a schema that checks the type of the field, without conversion, and its range."""
         return core_schema.no_info_after_validator_function(self, {**handler(source), "strict": True})
 
-    def __get_pydantic_json_schema__(self, made: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Return the range as JSON schema."""
         low, high = (
             "exclusiveMinimum" if self.above else "minimum",
             "exclusiveMaximum" if self.below else "maximum",
         )
-        return {**handler(made), low: self.low, high: self.high}
+        return {**handler(core), low: self.low, high: self.high}
 
 
-within = Within
+within = InRange
 
 Count = Annotated[int, within(1, 10_000)]
 Fraction = Annotated[float, within(0.0, 1.0)]

@@ -14,8 +14,8 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Choice(Section):
-    """Section that Python users also build directly; invalid values then raise InputError."""
+class PublicSection(Section):
+    """Section that is also a class of the Python interface; invalid arguments raise InputError."""
 
     def __init__(self, **values: Any) -> None:
         try:

@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bess.system.quantities import NonNegative, within
-from bess.system.section import Choice
+from bess.system.section import PublicSection
 
 Price = TypeVar("Price", float, npt.NDArray[np.float64])
 
 
-class SettlementTerms(Choice):
+class SettlementTerms(PublicSection):
     """Prices other than energy prices: section ``[settlement]`` of a study with prices.
 
     Attributes

@@ -8,7 +8,7 @@ from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 
 MEMORY_H = 24.0
-"""Averaging time of forecast errors and of unforecast_kw limit changes [h]."""
+"""Averaging time of forecast errors and of unannounced changes of limits [h]."""
 
 
 class ForecastErrorTracker(Checkpointed):

@@ -87,11 +87,11 @@ class PlanPrices:
             )
         if not (np.isfinite(price_eur_mwh).all() and np.isfinite(demand_kw).all()):
             raise InputError("prices and demand of a plan must be finite")
-        missing = terms.shortfall_price_eur_mwh(price_eur_mwh) / KWH_PER_MWH
-        again = _bought_again_eur_mwh(terms.charge_price_eur_mwh(price_eur_mwh), demand_kw)
-        lost = np.maximum(again / KWH_PER_MWH, MIN_LOSS_EUR_KWH)
+        undelivered = terms.shortfall_price_eur_mwh(price_eur_mwh) / KWH_PER_MWH
+        replacement = _replacement_price_eur_mwh(terms.charge_price_eur_mwh(price_eur_mwh), demand_kw)
+        loss = np.maximum(replacement / KWH_PER_MWH, MIN_LOSS_EUR_KWH)
         losses = np.empty((price_eur_mwh.size, 4))
-        losses[:, :2], losses[:, 2:] = missing[:, None], lost[:, None]
+        losses[:, :2], losses[:, 2:] = undelivered[:, None], loss[:, None]
         weights = np.array([objective.weight for objective in objectives.members])
         return cls(losses * weights, wear_eur_ah, terms.start_eur)
 
@@ -106,7 +106,7 @@ class PlanPrices:
         return replace(self, losses=losses)
 
 
-def _bought_again_eur_mwh(buy_eur_mwh: Array, demand_kw: Array) -> Array:
+def _replacement_price_eur_mwh(buy_eur_mwh: Array, demand_kw: Array) -> Array:
     """Price of replacing the losses of each step [EUR/MWh]."""
     charging_kw = np.maximum(-demand_kw, 0.0)
     # Sums from each step to the end.

@@ -30,16 +30,16 @@ def proven_bound(problem: SplitProblem, loss_prices: Array) -> float:
     control = problem.control(Costs(costs, costs), np.zeros(1), np.zeros(1))
     reach = control.reachable()
 
-    def over_the_step(values: Array, least: bool) -> Array:
+    def over_the_step(values: Array, minimum: bool) -> Array:
         """States at the start and the end of a step; the coefficients of the step lie between."""
         after = np.append(values[:, 1:], values[:, -1:], axis=1)
-        return np.asarray(np.minimum(values, after) if least else np.maximum(values, after))
+        return np.asarray(np.minimum(values, after) if minimum else np.maximum(values, after))
 
     boxes = _core.StateBoxes(
-        over_the_step(reach.soc_low, least=True),
-        over_the_step(reach.soc_high, least=False),
-        over_the_step(reach.temperature_low_c, least=True),
-        over_the_step(reach.temperature_high_c, least=False),
+        over_the_step(reach.soc_low, minimum=True),
+        over_the_step(reach.soc_high, minimum=False),
+        over_the_step(reach.temperature_low_c, minimum=True),
+        over_the_step(reach.temperature_high_c, minimum=False),
     )
     cuts = control.step_bounds(boxes, costs[0], np.abs(problem.demand_kw))
     # cost + slope x shed >= phi: if a shed kW costs less than the slope, shedding all of it is optimal.

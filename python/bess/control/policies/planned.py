@@ -53,8 +53,8 @@ class PlannedPolicy(Checkpointed):
         self._terms = terms
         self._wear = WearRates(planner.system)
         self._ran: NDArray[np.bool_] | None = None
-        # Capacities, and the wear prices at them.
-        self._known_wear = np.zeros(0), np.zeros(0)
+        # Last capacities, and the wear prices for them.
+        self._wear_cache = np.zeros(0), np.zeros(0)
 
     def __call__(self, inputs: PolicyInput) -> Decision:
         """Plan the prediction horizon, unless this step leaves no choice."""
@@ -95,7 +95,7 @@ class PlannedPolicy(Checkpointed):
         return request_kw
 
     def _reactive(self, inputs: PolicyInput, request_kw: Array) -> Array | None:
-        """Return the reactive power of each string at minimum loss (docs/equations.md, R3), if asked for.
+        """Return the reactive power of each string at minimum loss (docs/equations.md, R3), if requested.
 
         In EUR, the price of an inverter start is converted to losses at the price of this step.
         """
@@ -107,8 +107,8 @@ class PlannedPolicy(Checkpointed):
         if self._ran is not None:
             start_kw[self._ran] = 0.0
         model = self._planner.system.control_at(inputs.state)
-        asked_kvar = float(inputs.reactive_kvar[0])
-        shares_kvar = model.share_reactive(request_kw, asked_kvar, inputs.limit_kw, start_kw)
+        total_kvar = float(inputs.reactive_kvar[0])
+        shares_kvar = model.share_reactive(request_kw, total_kvar, inputs.limit_kw, start_kw)
         self._ran = (request_kw != 0.0) | (shares_kvar != 0.0)
         return shares_kvar
 
@@ -128,7 +128,7 @@ class PlannedPolicy(Checkpointed):
 
     def _wear_eur_ah(self, state: State) -> NDArray[np.float64]:
         """Wear price of charge throughput in each string [EUR/Ah], at its temperature."""
-        if self._wear.depend_on_state or not np.array_equal(self._known_wear[0], state.soh_capacity):
+        if self._wear.depend_on_state or not np.array_equal(self._wear_cache[0], state.soh_capacity):
             by_string = self._wear.at(state).cycling_eur_ah(TYPICAL_DEPTH, state.temperature_c[:, None])
-            self._known_wear = state.soh_capacity, np.ascontiguousarray(by_string[:, 0])
-        return self._known_wear[1]
+            self._wear_cache = state.soh_capacity, np.ascontiguousarray(by_string[:, 0])
+        return self._wear_cache[1]

@@ -99,8 +99,8 @@ class Policy(Protocol):
 
     A policy may have a method ``skip(demand_kw, limit_kw)``, with demand and forecast ``(n_steps,
     horizon_steps)`` and limits ``(n_steps, n_strings)`` of the next steps, both read-only. It returns the
-    set-points ``(n, n_strings)`` of the first ``n`` of them, which need no optimisation, and takes these
-    steps as passed.
+    set-points ``(n, n_strings)`` of the first ``n`` of them, which need no optimisation, and advances past
+    these steps.
     """
 
     @property

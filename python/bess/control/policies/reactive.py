@@ -9,11 +9,11 @@ from bess.control.policies.rule import water_fill
 from bess.errors import InputError
 
 
-def refuse_reactive(who: str, remedy: str, *, requested: bool) -> None:
+def refuse_reactive(component: str, remedy: str, *, requested: bool) -> None:
     """Raise InputError if reactive power is requested from a component that does not support it."""
     if requested:
         raise InputError(
-            f"[reactive]: {who} does not support reactive power; {remedy}, or leave out [reactive]"
+            f"[reactive]: {component} does not support reactive power; {remedy}, or leave out [reactive]"
         )
 
 
@@ -34,11 +34,11 @@ def share_equally(request_kw: Array, reactive_kvar: float, limit_kva: Array) -> 
     ndarray, shape (n_strings,)
         Reactive power of each string [kvar]; the total is lower if the inverters reach their limits.
     """
-    room = np.sqrt(np.maximum(limit_kva**2 - request_kw**2, 0.0))
+    headroom = np.sqrt(np.maximum(limit_kva**2 - request_kw**2, 0.0))
     runs = request_kw != 0.0
     total, equal = abs(reactive_kvar), np.ones(request_kw.size)
-    shares = water_fill(total, equal, np.where(runs, room, 0.0))
-    rest = total - float(shares.sum())
-    if rest > 0.0:
-        shares += water_fill(rest, equal, np.where(runs, 0.0, room))
+    shares = water_fill(total, equal, np.where(runs, headroom, 0.0))
+    remainder = total - float(shares.sum())
+    if remainder > 0.0:
+        shares += water_fill(remainder, equal, np.where(runs, 0.0, headroom))
     return np.copysign(shares, reactive_kvar)

@@ -20,7 +20,7 @@ from bess.control.split.relaxation.data import PlantConstants
 from bess.control.split.relaxation.group import RelaxedGroup
 from bess.control.split.result import GroupResult, relative_gap
 from bess.control.split.settings import SplitSettings
-from bess.control.split.tree import Closure
+from bess.control.split.tree import Termination
 
 RELAXED_ABOVE = 3e-2
 """Rigorous gap above which a relaxation over the whole horizon complements the one-step problems."""
@@ -30,23 +30,23 @@ RELAXED_STEPS = 16
 the gap and takes a third of the time."""
 
 PRICED_SIZE = 32
-"""String-steps above which shadow prices raise a bound first: they follow states over long horizons, and many
-strings of one kind cost little more than one. In small problems, a relaxation is tighter."""
+"""String-steps above which shadow prices raise a bound first: they are tight over long horizons, and many
+strings of one kind take little more time than one. In small problems, a relaxation is tighter."""
 
 PRICED_SAMPLE = 64
 """Maximum number of strings on which prices ascend: the time for it grows with their square. The bound at
-these prices is that of all strings. It takes a dynamic program for each kind of string, and is left out for
+these prices is that of all strings. It needs a dynamic program for each kind of string, and is omitted for
 plants of more kinds than this."""
 
 PRICED_S = 0.02
-"""Seconds of a priced bound for each step and kind of string, and for each step and ten strings of the
-sample. It does not start if less time is left."""
+"""Estimated time of such a bound [s], for each step and kind of string, and for each step and ten strings of
+the sample. It is omitted if less time remains."""
 
 CUTOFF_SHARE = 0.9
 """Minimum improvement on the incumbent, as a share of the requested gap; other schedules are cut off."""
 
 MAX_RELAXATION = 256
-"""String-steps above which no relaxation is solved; prices and single steps bound as tightly."""
+"""String-steps above which no relaxation is solved; bounds by prices and single steps are as tight."""
 
 
 class Certificate:
@@ -68,9 +68,9 @@ class Certificate:
     Attributes
     ----------
     groups : tuple of GroupResult
-    closures : tuple of Closure or None
-        For each group, why the search of the convexified program ended; None if its rigorous gap is within
-        the requested one.
+    reasons : tuple of Termination or None
+        For each group, the reason for the end of the search of the convexified program; None if the rigorous
+        gap is within the requested one.
     nodes : int
         Number of solved relaxations.
     failed : bool
@@ -98,13 +98,13 @@ class Certificate:
         self.failed = False
         certified = [self._certified(index) for index in range(len(answer.groups))]
         self.groups = tuple(group for group, _ in certified)
-        self.closures = tuple(closure for _, closure in certified)
+        self.reasons = tuple(reason for _, reason in certified)
 
-    def _certified(self, index: int) -> tuple[GroupResult, Closure | None]:
+    def _certified(self, index: int) -> tuple[GroupResult, Termination | None]:
         """Bound one group: rigorously, then in the convexified program."""
         group, before = self._answer.groups[index], self._answer.groups[:index]
         bound, search_bound = group.bound, group.search_bound
-        ended = closure = None
+        ended = reason = None
         if not self._is_closed(index, group.objective, bound):
             ceilings = [earlier.ceiling for earlier in before]
             if self._wants_prices(index):
@@ -116,20 +116,20 @@ class Certificate:
         if self._is_closed(index, group.objective, bound):
             pass
         elif self._is_closed(index, group.search_objective, search_bound):
-            closure = Closure.GAP
+            reason = Termination.GAP
         elif group.is_search_optimum:
-            closure = Closure.TREE
+            reason = Termination.TREE
         elif self._is_late():
-            closure = Closure.TIME_LIMIT
+            reason = Termination.TIME_LIMIT
         elif self._problem.limit_kw.size > MAX_RELAXATION:
-            closure = Closure.TOO_LARGE
+            reason = Termination.TOO_LARGE
         else:
             ceilings = [earlier.search_ceiling for earlier in before]
             root = self._relaxed(
                 ceilings, self._costs.searched, search_bound, group.search_objective, frozen=True
             )
             search_bound = root.bound
-            closure = root.closure if ended is None or root.closure is Closure.GAP else ended.closure
+            reason = root.reason if ended is None or root.reason is Termination.GAP else ended.reason
         objectives = self._settings.objectives
         members = objectives.groups[index]
         result = GroupResult(
@@ -141,7 +141,7 @@ class Certificate:
             gap=relative_gap(group.objective, bound),
             search_gap=relative_gap(group.search_objective, search_bound),
         )
-        return result, closure
+        return result, reason
 
     def _wants_prices(self, index: int) -> bool:
         """Whether prices are likely to raise the rigorous bound in time."""

@@ -19,11 +19,11 @@ from bess.control.objectives import Objectives
 from bess.control.problem import SplitProblem, check_horizon, demand_of_steps
 from bess.control.rollout import Rollout
 from bess.control.split.bounds import Certificate
-from bess.control.split.carried import Carried
 from bess.control.split.normalisation import constant_scale, payoff_scale
 from bess.control.split.relaxation.data import PlantConstants
 from bess.control.split.result import Split, SplitStatus
 from bess.control.split.settings import ROLLOUTS, SplitSettings
+from bess.control.split.warm_start import WarmStart
 from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.system import State, System
@@ -80,7 +80,7 @@ class PowerSplit(Checkpointed):
     """
 
     _carried = ("_warm_start",)
-    _classes: ClassVar = {"_warm_start": Carried}
+    _classes: ClassVar = {"_warm_start": WarmStart}
 
     def __init__(
         self,
@@ -107,7 +107,7 @@ class PowerSplit(Checkpointed):
         self._scale_per_kw = constant_scale(system, horizon_steps, dt_h, self.objectives)
         self._costs = self.objectives.costs(self._scale_per_kw)
         self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
-        self._warm_start: Carried | None = None
+        self._warm_start: WarmStart | None = None
 
     def _facts(self) -> dict[str, str]:
         return {
@@ -134,7 +134,7 @@ class PowerSplit(Checkpointed):
         shape = (self.system.n_strings, self.horizon_steps)
         if request.shape != shape:
             raise InputError(f"warm_start must be of shape {shape}, not {request.shape}")
-        self._warm_start = Carried(request)
+        self._warm_start = WarmStart(request)
 
     def __call__(
         self,
@@ -175,8 +175,8 @@ class PowerSplit(Checkpointed):
             costs = self.objectives.costs(payoff_scale(problem, self._scale_per_kw, self.objectives))
         control = problem.control(costs, *self.objectives.tolerances)
 
-        carried = self._warm_start
-        start = carried.request_kw if carried is not None and carried.continues_in(problem) else None
+        warm_start = self._warm_start
+        start = warm_start.request_kw if warm_start is not None and warm_start.is_valid_for(problem) else None
         for _ in range(MAX_SEARCHES):
             left_s = None if deadline is None else deadline - time.perf_counter()
             answer = control.split(start, ROLLOUTS, left_s, self.settings.gap)
@@ -195,7 +195,7 @@ class PowerSplit(Checkpointed):
         request = answer.incumbent.request_kw
         result = Rollout.of(answer.flows)
         soc_start = np.concatenate([problem.state.soc[:, None], result.soc[:, :-1]], axis=1)
-        self._warm_start = Carried.after(problem, request, result)
+        self._warm_start = WarmStart.after(problem, request, result)
         idle = not problem.demand_kw.any()
         return Split(
             request_kw=request,
@@ -243,5 +243,5 @@ def _status(certificate: Certificate) -> SplitStatus:
     """Return the strongest status that holds for every group; statuses are ordered by strength."""
     if certificate.failed:
         return SplitStatus.SOLVER_FAILED
-    statuses = [closure.value for closure in certificate.closures if closure is not None]
+    statuses = [reason.value for reason in certificate.reasons if reason is not None]
     return max(statuses, key=list(SplitStatus).index, default=SplitStatus.OPTIMAL)

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from bess.control.objectives import Objectives
 from bess.system.quantities import within
-from bess.system.section import Choice
+from bess.system.section import PublicSection
 
 ROLLOUTS: Final = 2000
 """Effort of one descent of the search on the control model, in roll-outs."""
@@ -24,7 +24,7 @@ LARGE: Final = 8
 """String-steps above which the default solves fewer nodes: each node costs more and gains less."""
 
 
-class SplitSettings(Choice):
+class SplitSettings(PublicSection):
     """Objectives and stopping criteria."""
 
     objectives: Objectives = Objectives()

@@ -1,4 +1,4 @@
-"""Best-first branch and bound, over nodes that know their bound and their branches.
+"""Best-first branch and bound, over solved nodes with a bound and a function that branches them.
 
 A node whose solve failed keeps the bound of its parent and is branched. The relaxation manages incumbents;
 the search receives only the best objective known.
@@ -18,8 +18,8 @@ import numpy as np
 from bess.control.split.result import SplitStatus
 
 
-class Closure(Enum):
-    """Why the search ended, with the status of a split whose search ended so."""
+class Termination(Enum):
+    """Reason for the end of a search, with the status of the split."""
 
     GAP = SplitStatus.CONVEXIFIED_CLOSED
     TREE = SplitStatus.TREE_CLOSED  # the remaining gap is in the leaves
@@ -47,7 +47,7 @@ class Solved:
 class TreeResult:
     """Result of a search: lower bound of the optimum, number of solved nodes, and reason of termination."""
 
-    closure: Closure
+    reason: Termination
     bound: float
     nodes: int
 
@@ -100,15 +100,15 @@ def search(
         target = best - max(abs_gap, gap * abs(best)) if np.isfinite(best) else np.inf
         bound = min(closed, heap[0][0] if heap else np.inf)
         if bound >= target:
-            closure = Closure.GAP if np.isfinite(best) else Closure.INFEASIBLE
-            return TreeResult(closure, min(bound, best), nodes())
+            reason = Termination.GAP if np.isfinite(best) else Termination.INFEASIBLE
+            return TreeResult(reason, min(bound, best), nodes())
         if not heap or closed <= heap[0][0]:
-            # The bound cannot rise any more: a leaf limits it.
-            return TreeResult(Closure.TREE, bound, nodes())
+            # A leaf limits the bound.
+            return TreeResult(Termination.TREE, bound, nodes())
         if nodes() >= node_limit:
-            return TreeResult(Closure.NODE_LIMIT, bound, nodes())
+            return TreeResult(Termination.NODE_LIMIT, bound, nodes())
         if deadline is not None and time.perf_counter() >= deadline:
-            return TreeResult(Closure.TIME_LIMIT, bound, nodes())
+            return TreeResult(Termination.TIME_LIMIT, bound, nodes())
         inherited, _, branches = heapq.heappop(heap)
         for part in branches():
             visit(part, inherited)

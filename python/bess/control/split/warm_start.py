@@ -20,7 +20,7 @@ the string."""
 
 
 @dataclass(frozen=True)
-class Carried:
+class WarmStart:
     """A schedule shifted by one step for the next call, with its expected limits and state."""
 
     request_kw: Array
@@ -31,14 +31,14 @@ class Carried:
     """``(n_strings,)``: state after its first step; None for a schedule set by the user."""
 
     @classmethod
-    def after(cls, problem: SplitProblem, request_kw: Array, rollout: Rollout) -> Carried:
+    def after(cls, problem: SplitProblem, request_kw: Array, rollout: Rollout) -> WarmStart:
         """Shift the schedule of a problem by one step and repeat its last step."""
         request_kw, limit_kw = (
             np.concatenate([each[:, 1:], each[:, -1:]], axis=1) for each in (request_kw, problem.limit_kw)
         )
         return cls(request_kw, limit_kw, rollout.soc[:, 0], rollout.temperature_c[:, 0])
 
-    def continues_in(self, problem: SplitProblem) -> bool:
+    def is_valid_for(self, problem: SplitProblem) -> bool:
         """Whether forecast, limits and state of a problem are close to the expected ones.
 
         A schedule of a different problem leads to local optima that a search without a warm start avoids.

@@ -77,7 +77,7 @@ def read_ocv(
             raise InputError(f"{hysteresis}: HystV reaches {half.min():g} V, must be at least 0 V")
     rows = np.concatenate([ocv + half, ocv - half])
     level = np.maximum.accumulate(rows, axis=1)
-    # Any two knots chosen below may keep the whole of a fall, so it counts against the error that is allowed.
+    # Two of the knots chosen below may include a whole fall, so its size is part of the allowed error.
     if (level - rows).max() > 2.0 * max_error_v + 2.0 * np.abs(np.diff(half)).max(initial=0.0):
         raise InputError(f"{path}: OCV falls with SOC by {(level - rows).max() * 1000:.1f} mV; must rise")
     kept, _ = reduced_knots(soc, level, max_error_v)

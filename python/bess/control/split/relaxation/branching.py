@@ -40,7 +40,7 @@ LOW_SOC = 0.05
 """SOC widths are relative to the SOC, or to this value at a lower SOC, where the resistance rises."""
 
 MIN_GAIN = 1e-6
-"""Minimum rated gain of a part, as a share of the bound: a cut that closes the other part then rates well."""
+"""Minimum gain of a part in the rating, as a share of the bound: closing the other part then rates well."""
 
 MAX_ESTIMATES = 16
 """Maximum number of cuts of a node with estimated gains, the widest first. Two estimates take a third of a

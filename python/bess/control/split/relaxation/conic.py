@@ -209,8 +209,8 @@ def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSol
         Their values; ignored where free.
     """
     pattern, values = data.pattern, data.values
-    held = np.where(fixed, x_fixed, 0.0)
-    b = data.b - np.bincount(pattern.rows, values * held[pattern.columns], minlength=data.b.size)
+    fixed_x = np.where(fixed, x_fixed, 0.0)
+    b = data.b - np.bincount(pattern.rows, values * fixed_x[pattern.columns], minlength=data.b.size)
     entries = np.flatnonzero(~fixed[pattern.columns] & (values != 0.0))
     used = np.zeros(b.size, dtype=bool)
     used[pattern.rows[entries]] = True
@@ -238,19 +238,19 @@ def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSol
     cones = [clarabel.ZeroConeT(n_zero)] if n_zero else []
     cones += [clarabel.NonnegativeConeT(n_nonneg)] if n_nonneg else []
     cones += [clarabel.SecondOrderConeT(3)] * int(cones_used.sum())
-    offset = data.offset + float(data.q @ held)
+    offset = data.offset + float(data.q @ fixed_x)
     P = sp.csc_array((free.size, free.size))
     for refine in (False, True):
         answer = clarabel.DefaultSolver(P, data.q[free], A, b[used], cones, _settings(refine)).solve()
         status = str(answer.status)
         if status in ("Solved", "AlmostSolved"):
-            x, prices = held.copy(), np.zeros(used.size)
+            x, prices = fixed_x.copy(), np.zeros(used.size)
             x[free], prices[used] = answer.x, answer.z
             bound = answer.obj_val_dual + offset
             bound -= BOUND_MARGIN * (1.0 + abs(bound))
             if status == "AlmostSolved":
-                # The remaining residual is usually primal. The dual point still gives a bound, less the
-                # largest contribution of its residual q + A'z over all points of the program.
+                # The remaining residual is usually primal. The dual point still gives a bound, reduced by
+                # the largest contribution of its residual q + A'z over all points of the program.
                 bound -= MAX_VALUE * float(np.abs(data.q[free] + A.T @ prices[used]).sum())
             return ConicSolution(bound, x, prices)
         if status == "PrimalInfeasible":
@@ -276,7 +276,7 @@ def _settings(refine: bool) -> clarabel.DefaultSettings:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.presolve_enable = False
-    # The default, 1e-8, stalls where a string must end full and little room is left in a balance.
+    # The default, 1e-8, stalls where a string must end full and a balance has little slack.
     settings.static_regularization_constant = 1e-9
     settings.iterative_refinement_enable = refine
     return settings

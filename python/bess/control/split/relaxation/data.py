@@ -25,9 +25,9 @@ class PlantConstants:
     nominal_kw: Array
     inverter_kw: Array
     battery_kw: Array
-    keep: Array
+    retained: Array
     kelvin_per_kw: Array
-    alike: NDArray[np.bool_]
+    same: NDArray[np.bool_]
     """Whether strings ``m`` and ``m + 1`` are identical, shape ``(n_strings - 1,)``."""
 
     @classmethod
@@ -43,17 +43,17 @@ class PlantConstants:
             nominal_kw=system.nominal_kw,
             inverter_kw=largest * system.nominal_kw,
             battery_kw=battery_kw,
-            keep=1.0 - k2 * seconds,
+            retained=1.0 - k2 * seconds,
             kelvin_per_kw=k1 * seconds * WATTS_PER_KW,
-            alike=np.diff(system.kinds) == 0,
+            same=np.diff(system.kinds) == 0,
         )
 
     def at(self, state: State) -> PlantConstants:
-        """Return the constants with ``alike`` restricted to strings in equal states."""
-        alike = self.alike
+        """Return the constants with ``same`` restricted to strings in equal states."""
+        same = self.same
         for values in (state.soc, state.temperature_c, state.soh_capacity, state.soh_resistance):
-            alike = alike & (np.diff(values) == 0.0)
-        return replace(self, alike=alike)
+            same = same & (np.diff(values) == 0.0)
+        return replace(self, same=same)
 
     @property
     def scale_kw(self) -> Array:
@@ -64,7 +64,7 @@ class PlantConstants:
         """Values of the parameters common to all nodes, except cuts, caps and costs."""
         shape = problem.limit_kw.shape
         base_kw = self.nominal_kw.mean()
-        nominal, keep = self.nominal_kw[:, None], self.keep[:, None]
+        nominal, retained = self.nominal_kw[:, None], self.retained[:, None]
         sign = np.broadcast_to(np.where(problem.demand_kw >= 0.0, 1.0, -1.0), shape)
         return {
             "share": self.nominal_kw / base_kw,
@@ -72,9 +72,9 @@ class PlantConstants:
             "sign": sign,
             "inverter_share": sign * self.inverter_kw[:, None] / nominal,
             "battery_share": sign * self.battery_kw[:, None] / nominal,
-            "keep": np.broadcast_to(keep, shape),
+            "retained": np.broadcast_to(retained, shape),
             "heating": np.broadcast_to((self.kelvin_per_kw * self.battery_kw)[:, None] / THETA_UNIT_K, shape),
-            "air": (1.0 - keep) * (problem.ambient_c - THETA_ZERO_C) / THETA_UNIT_K,
+            "air": (1.0 - retained) * (problem.ambient_c - THETA_ZERO_C) / THETA_UNIT_K,
         }
 
 

@@ -64,7 +64,7 @@ def build(
         return variables[name]
 
     on, full, low = (var(name) for name in BINARIES)
-    p, a, d = var("p"), var("a"), var("d")  # delivered AC power; shed at the limit; lost to derating
+    p, a, d = var("p"), var("a"), var("d")  # delivered AC power; availability loss; derating loss
     w, h = var("w"), var("h")  # inverter loss, battery loss
     P, z = var("P"), var("z")  # internal power V I; V^2/R of a string that runs, 0 of one that is off
     # At step boundaries, the first of them measured: SOC, temperature, stored energy.
@@ -74,7 +74,7 @@ def build(
     moved = soc[:, before] - soc[:, after]
 
     constraints = [
-        # The strings share the demand.
+        # Power balance.
         par("share", (n_strings,)) @ u == par("demand", (n_steps,)),
         a >= 0, d >= 0, u >= par("u_lo"), u <= par("u_hi"),
         p >= times("p_lo", on), p <= times("p_hi", on), on <= 1, full >= 0, full <= 1, low >= 0, low <= 1,
@@ -116,7 +116,7 @@ def build(
         *(e[:, after] >= times(f"stored_lo_soc_{j}", soc[:, after]) + par(f"stored_lo_0_{j}")
           for j in (0, 1)),
         # Heat balance.
-        theta[:, after] == times("keep", theta[:, before]) + times("heating", h) + par("air"),
+        theta[:, after] == times("retained", theta[:, before]) + times("heating", h) + par("air"),
         # Step cuts: each step costs at least its one-step optimum, less the saving by availability loss.
         cp.sum(times("cut_a", a), axis=0)
         + par("cut_d", (n_strings,)) @ d + par("cut_w", (n_strings,)) @ w + par("cut_h", (n_strings,)) @ h
