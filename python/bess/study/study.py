@@ -86,11 +86,16 @@ class Study(Section):
     @classmethod
     def _choose_objectives(cls, document: Any, validate: ModelWrapValidatorHandler[Self]) -> Self:
         """Fill in the default objectives, which depend on the demand; they remain marked as not given."""
-        given = value_at(document, "policy.objectives.kind") is not None
-        filled = document if given else _with_kind(document)
-        study = validate(filled)
-        if filled is not document:
-            study.policy.objectives.model_fields_set.discard("kind")
+        policy, objectives = (value_at(document, key) for key in ("policy", "policy.objectives"))
+        policy, objectives = ({} if each is None else each for each in (policy, objectives))
+        tables = all(isinstance(each, Mapping) for each in (document, policy, objectives))
+        if not tables or objectives.get("kind") is not None:
+            return validate(document)
+        certified = policy.get("mode") == "certified" or policy.get("foresight_h") == 0
+        plans = not certified and policy.get("horizon_steps") is None
+        kind = "money" if plans and kind_of_demand(document.get("demand")) in TRADES else "energy"
+        study = validate({**document, "policy": {**policy, "objectives": {**objectives, "kind": kind}}})
+        study.policy.objectives.model_fields_set.discard("kind")
         return study
 
     @model_validator(mode="after")
@@ -173,19 +178,6 @@ class Study(Section):
 def _without_kind(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
     """Return the place of an error without the kind of demand, which pydantic names as if it were a key."""
     return loc[:1] + loc[2:] if loc[:1] == ("demand",) and set(loc[1:2]) & DEMAND_KINDS.keys() else loc
-
-
-def _with_kind(document: Any) -> Any:
-    """Return the document with the default kind of objectives; a malformed document is unchanged."""
-    policy, objectives = (value_at(document, key) for key in ("policy", "policy.objectives"))
-    well_formed = all(isinstance(section, Mapping | None) for section in (policy, objectives))
-    if not isinstance(document, Mapping) or not well_formed:
-        return document
-    mode, hours = value_at(policy, "mode"), value_at(policy, "foresight_h")
-    certified = mode == "certified" or value_at(policy, "horizon_steps") is not None or hours == 0
-    priced = kind_of_demand(document.get("demand")) in TRADES
-    kind = "money" if priced and not certified else "energy"
-    return {**document, "policy": {**(policy or {}), "objectives": {**(objectives or {}), "kind": kind}}}
 
 
 def bundled_studies() -> dict[str, str]:
