@@ -116,15 +116,8 @@ def _reactive_of(choice: ReactiveSection, setting: Setting, grid: TimeGrid) -> R
     if choice.file is None:
         setting.note(f"reactive power: {choice.kvar:g} kvar")
         return known_reactive(PerfectForecast(np.full(grid.n_steps, choice.kvar)))
-    read = read_profile(
-        choice.file,
-        column=choice.column,
-        unit=choice.unit,
-        scale=choice.scale,
-        dt_h=grid.dt_h,
-        time_zone=choice.time_zone,
-        fill=choice.fill,
-    )
+    reading = choice.model_dump(include={"column", "unit", "scale", "time_zone", "fill"})
+    read = read_profile(choice.file, dt_h=grid.dt_h, **reading)
     series = setting.series_of(read, choice.file, "reactive.file", "reactive.repeat")
     values = series.on(grid, repeat=choice.repeat)
     setting.note(f"reactive power: {choice.file}, {values.min():g} to {values.max():g} kvar", series)

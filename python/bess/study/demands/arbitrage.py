@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -329,65 +330,60 @@ class ArbitrageDemand(DemandSection):
         )
 
 
+@dataclass(eq=False)
 class ArbitrageSource(DemandSource):
     """A dispatch plan that is re-optimised when due."""
 
-    _carried = ("_day", "_energy_kwh", "_discharged_kwh", "_budget", "_connection", "_plan")
+    _carried = ("_day", "_energy_kwh", "_discharged_kwh", "budget", "connection", "_plan")
     _classes: ClassVar = {"_plan": MarketPlan}
 
-    def __init__(
-        self,
-        planner: LinearPlanner | AwarePlanner,
-        system: System,
-        budget: CycleBudget | None = None,
-        connection: GridConnection | None = None,
-    ) -> None:
-        self._planner, self._budget, self._connection = planner, budget, connection
-        self._dt_h = system.control.step_min / 60.0
-        self._soc_min, _ = system.soc_window
-        self._nominal_kwh = system.nominal_energy_kwh
-        self._plan: MarketPlan | None = None
-        self._day: int | None = None
-        self._energy_kwh = 0.0
-        self._discharged_kwh = 0.0
+    planner: LinearPlanner | AwarePlanner
+    system: System
+    budget: CycleBudget | None
+    connection: GridConnection | None
+    _plan: MarketPlan | None = None
+    _day: int | None = None
+    _energy_kwh: float = 0.0
+    _discharged_kwh: float = 0.0
 
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""
         state = now.state
         self.measured(step, state.soc, state.soh_capacity)
-        budget = self._budget
-        if budget is not None:
-            budget.advance(step, state.soc, now.delivered_kw)
-        if self._connection is not None:
-            self._connection.advance(step, now.delivered_kw)
-        if self._plan is None or self._planner.is_due(step, now, self._plan):
-            limits = {} if budget is None else budget.for_plan()
-            self._plan = self._planner.plan(step, now, self._energy_kwh, self._discharged_kwh, **limits)
+        if self.budget is not None:
+            self.budget.advance(step, state.soc, now.delivered_kw)
+        if self.connection is not None:
+            self.connection.advance(step, now.delivered_kw)
+        if self._plan is None or self.planner.is_due(step, now, self._plan):
+            limits = {} if self.budget is None else self.budget.for_plan()
+            self._plan = self.planner.plan(step, now, self._energy_kwh, self._discharged_kwh, **limits)
         offset = step - self._plan.step
         demand_kw = padded(self._plan.demand_kw[offset : offset + horizon], horizon)
-        if self._connection is not None:
-            max_kw = min(self._energy_kwh / self._dt_h, float(now.limit_kw.sum()))
-            demand_kw[0] = self._connection.limited(step, float(demand_kw[0]), max_kw)
-        if budget is None:
+        if self.connection is not None:
+            dt_h = self.system.control.step_min / 60.0
+            max_kw = min(self._energy_kwh / dt_h, float(now.limit_kw.sum()))
+            demand_kw[0] = self.connection.limited(step, float(demand_kw[0]), max_kw)
+        if self.budget is None:
             return demand_kw
-        return budget.limited(demand_kw, float((self._nominal_kwh * state.soh_capacity).min()))
+        smallest_kwh = float((self.system.nominal_energy_kwh * state.soh_capacity).min())
+        return self.budget.limited(demand_kw, smallest_kwh)
 
     def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""
         now_kw, plan = self.ahead(step, horizon, now), self._plan
         assert plan is not None
-        if self._budget is not None or self._connection is not None:
+        if self.budget is not None or self.connection is not None:
             return now_kw[None]
         last = min(step + most, plan.step + plan.demand_kw.size)
-        due = (each for each in range(step + 1, last) if self._planner.is_due(each, None, plan))
+        due = (each for each in range(step + 1, last) if self.planner.is_due(each, None, plan))
         left_kw = plan.demand_kw[step - plan.step :]
         ahead_kw = sliding_window_view(padded(left_kw, left_kw.size + horizon), horizon)
         return ahead_kw[: next(due, last) - step].copy()
 
     def measured(self, step: int, soc: Array, soh_capacity: Array) -> None:
         """Add the energy discharged in the previous step; a step that ends at midnight counts for its day."""
-        stored_kwh = (soc - self._soc_min) * self._nominal_kwh * soh_capacity
-        day, energy_kwh = int(self._planner.days[step]), float(stored_kwh.sum())
+        stored_kwh = (soc - self.system.soc_window[0]) * self.system.nominal_energy_kwh * soh_capacity
+        day, energy_kwh = int(self.planner.days[step]), float(stored_kwh.sum())
         if day == self._day:
             self._discharged_kwh += max(0.0, self._energy_kwh - energy_kwh)
         else:
@@ -398,4 +394,4 @@ class ArbitrageSource(DemandSource):
         """See :class:`~bess.study.demands.source.DemandSource`."""
         assert self._plan is not None
         row = {"expected_kw": float(self._plan.expected_delivered_kw[step - self._plan.step])}
-        return row if self._budget is None else row | self._budget.recorded()
+        return row if self.budget is None else row | self.budget.recorded()

@@ -75,6 +75,7 @@ class LinearPlanner:
         return MarketPlan(demand_kw, demand_kw, np.nan, none, none, step, now.limit_kw, none)
 
 
+@dataclass(frozen=True, eq=False)
 class AwarePlanner:
     """Plans by dynamic programming on the plant model.
 
@@ -83,41 +84,34 @@ class AwarePlanner:
     between their levels, with mean ``prices``; otherwise ``prices`` are taken as certain.
     """
 
-    def __init__(
-        self,
-        dispatch: DynamicProgramDispatch,
-        prices: Forecast,
-        days: NDArray[np.int64],
-        dt_h: float,
-        *,
-        look_ahead_steps: int,
-        replan_steps: int | None = None,
-        bands: BandForecast | None = None,
-    ) -> None:
-        self._dispatch, self._prices, self._bands, self.days = dispatch, prices, bands, days
-        self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
-        self._compare_steps = max(1, round(COMPARE_H / dt_h))
-        self._max_steps = min(MAX_PLAN_AGE_FRACTION * look_ahead_steps, MAX_PLAN_AGE_H / dt_h)
+    dispatch: DynamicProgramDispatch
+    prices: Forecast
+    days: NDArray[np.int64]
+    dt_h: float
+    look_ahead_steps: int
+    replan_steps: int | None = None
+    bands: BandForecast | None = None
 
     def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
         """See :class:`LinearPlanner`."""
-        if self._replan_steps is not None:
-            return step % self._replan_steps == 0
+        if self.replan_steps is not None:
+            return step % self.replan_steps == 0
         if now is not None and not np.array_equal(now.limit_kw, plan.limit_kw):
             return True
         age = step - plan.step
-        if age >= self._max_steps or self._prices.ahead(step, 1)[0] != plan.price_eur_mwh[age]:
+        max_steps = min(MAX_PLAN_AGE_FRACTION * self.look_ahead_steps, MAX_PLAN_AGE_H / self.dt_h)
+        if age >= max_steps or self.prices.ahead(step, 1)[0] != plan.price_eur_mwh[age]:
             return True
-        is_compared = age > 0 and age % self._compare_steps == 0
+        is_compared = age > 0 and age % max(1, round(COMPARE_H / self.dt_h)) == 0
         return is_compared and (now is None or not self._came_true(step, now, plan))
 
     def _came_true(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
         """Whether the price forecast is unchanged and the plant follows the plan."""
         age = step - plan.step
         before = plan.price_eur_mwh[age:]
-        if not np.array_equal(before, self._prices.ahead(step, before.size)):
+        if not np.array_equal(before, self.prices.ahead(step, before.size)):
             return False
-        energy_kwh, capacity_kwh, temperature_c = self._dispatch.condition(now.state, now.limit_kw)
+        energy_kwh, capacity_kwh, temperature_c = self.dispatch.condition(now.state, now.limit_kw)
         off_kwh = abs(energy_kwh - float(plan.expected_energy_kwh[age - 1]))
         off_k = abs(temperature_c - float(plan.expected_temperature_c[age - 1]))
         return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
@@ -126,15 +120,15 @@ class AwarePlanner:
         self, step: int, now: StepInputs, energy_kwh: float, discharged_kwh: float, **budget: float
     ) -> MarketPlan:
         """See :class:`LinearPlanner`; the stored energy follows from the state."""
-        price = self._prices.ahead(step, self._look_ahead_steps)
+        price = self.prices.ahead(step, self.look_ahead_steps)
         inputs = DispatchInputs(
             price,
             now.ambient_c[: price.size],
             self.days[step : step + price.size],
             discharged_kwh,
             is_last=step + price.size == self.days.size,
-            bands=None if self._bands is None else self._bands.bands(step, self._look_ahead_steps),
+            bands=None if self.bands is None else self.bands.bands(step, self.look_ahead_steps),
             **budget,
         )
-        plan = self._dispatch.plan(inputs, now.state, limit_kw=now.limit_kw)
+        plan = self.dispatch.plan(inputs, now.state, limit_kw=now.limit_kw)
         return MarketPlan(**vars(plan), step=step, limit_kw=now.limit_kw, price_eur_mwh=price)

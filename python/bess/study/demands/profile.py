@@ -1,5 +1,6 @@
 """Demand of kind ``profile``: a given power series."""
 
+from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -41,17 +42,8 @@ class ProfileDemand(DemandSection):
 
     def build(self, setting: Setting) -> RunDemand:
         """See :class:`~bess.study.demands.source.DemandSection`."""
-        series = setting.power_of(
-            self.file,
-            "demand.file",
-            PROFILES,
-            scale=self.scale,
-            column=self.column,
-            unit=self.unit,
-            positive=self.positive,
-            time_zone=self.time_zone,
-            fill=self.fill,
-        )
+        reading = self.model_dump(include={"scale", "column", "unit", "positive", "time_zone", "fill"})
+        series = setting.power_of(self.file, "demand.file", PROFILES, **reading)
         grid = setting.grid_of(series)
         values = series.on(grid, repeat=self.repeat)
         setting.note(f"demand: {series.what}, {values.min():g} to {values.max():g} kW", series)
@@ -61,15 +53,15 @@ class ProfileDemand(DemandSection):
         return RunDemand(grid, ProfileSource(forecast_of(self.forecast, values, grid.dt_h)))
 
 
+@dataclass(eq=False)
 class ProfileSource(DemandSource):
     """A known series; the demand after the end of the run is zero."""
 
-    def __init__(self, forecast: Forecast) -> None:
-        self._forecast = forecast
+    forecast: Forecast
 
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""
-        return padded(self._forecast.ahead(step, horizon), horizon)
+        return padded(self.forecast.ahead(step, horizon), horizon)
 
     def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""

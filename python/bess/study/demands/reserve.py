@@ -1,6 +1,6 @@
 """Demands of kind ``fcr`` and ``fcr-arbitrage``: frequency containment reserve, with or without trade."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -98,31 +98,14 @@ class FcrDemand(DemandSection):
         grid, system = setting.grid_of(series), setting.system
         if self.repeat or self.frequency == SYNTHETIC:
             series = series.repeated(grid)
-        capacity_kw, recharge_kw = self._powers(float(system.nominal_kw.sum()))
+        capacity_kw, recharge_kw = self._powers(system)
         store = StorageEstimator(system, self.efficiency)
         band = self._window(capacity_kw, store, system).narrowed(self.band)
         share, averaging = self._response(series, grid)
         setting.note(f"reserve: {capacity_kw:g} kW, {averaging}")
         price = self._energy_price(setting, grid)
         capacity_price = self._capacity_price(setting, grid)
-        sold_kw = np.full(grid.n_steps, capacity_kw)
-        trade = budget = None
-        if isinstance(self, FcrArbitrageDemand):
-            power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
-            trade = self._trade(grid, price, power_kw, band)
-            size = power_kw, band.high_kwh - band.low_kwh
-            budget = setting.budget_of(grid, PerfectForecast(price), size, self.efficiency, self.look_ahead_h)
-            if self.choose_capacity is not None:
-                power_kw += capacity_kw
-                sold_kw = reserve_blocks(
-                    capacity_price,
-                    price,
-                    self._trade(grid, price, power_kw, band),
-                    max_reserve_kw=capacity_kw,
-                    stored_kwh=max(0.0, store.stored_kwh(system.initial_state()) - band.low_kwh),
-                    foresight=self.choose_capacity == "perfect",
-                )
-                trade = self._trade(grid, price, power_kw, band, sold_kw)
+        sold_kw, trade, budget = self._sold(setting, grid, price, capacity_price, band)
         response_kw = sold_kw * share
         response: Forecast = ExternalForecast(response_kw, np.zeros(grid.n_steps))  # its mean is zero
         if self.forecast == "persistence":
@@ -138,9 +121,15 @@ class FcrDemand(DemandSection):
         recorded = {"frequency_mhz": series.on(grid), "capacity_price_eur_mw_h": capacity_price}
         return RunDemand(grid, source, price, recorded)
 
-    def _powers(self, nominal_kw: float) -> tuple[float, float]:
+    def _sold(
+        self, setting: Setting, grid: TimeGrid, price: Array, capacity_price: Array, band: EnergyWindow
+    ) -> tuple[Array, Arbitrage | None, CycleBudget | None]:
+        """Return the reserve sold in each step [kW], and the dispatch of the other power and its budget."""
+        return np.full(grid.n_steps, self._powers(setting.system)[0]), None, None
+
+    def _powers(self, system: System) -> tuple[float, float]:
         """Capacity and recharge power [kW]."""
-        trades = self.trades
+        trades, nominal_kw = self.trades, float(system.nominal_kw.sum())
         capacity_kw = self.capacity_kw or nominal_kw * (0.5 if trades else 1.0 / (1.0 + _RECHARGE_SHARE))
         recharge_kw = _RECHARGE_SHARE * capacity_kw if self.recharge_kw is None else self.recharge_kw
         together_kw = capacity_kw + recharge_kw
@@ -244,6 +233,29 @@ class FcrArbitrageDemand(FcrDemand):
     look_ahead_h: Positive = 36.0
     replan_h: Positive = 1.0
 
+    def _sold(
+        self, setting: Setting, grid: TimeGrid, price: Array, capacity_price: Array, band: EnergyWindow
+    ) -> tuple[Array, Arbitrage | None, CycleBudget | None]:
+        sold_kw, _, _ = super()._sold(setting, grid, price, capacity_price, band)
+        system, (capacity_kw, recharge_kw) = setting.system, self._powers(setting.system)
+        power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
+        trade = self._trade(grid, price, power_kw, band)
+        size = power_kw, band.high_kwh - band.low_kwh
+        budget = setting.budget_of(grid, PerfectForecast(price), size, self.efficiency, self.look_ahead_h)
+        if self.choose_capacity is not None:
+            power_kw += capacity_kw
+            stored_kwh = StorageEstimator(system, self.efficiency).stored_kwh(system.initial_state())
+            sold_kw = reserve_blocks(
+                capacity_price,
+                price,
+                self._trade(grid, price, power_kw, band),
+                max_reserve_kw=capacity_kw,
+                stored_kwh=max(0.0, stored_kwh - band.low_kwh),
+                foresight=self.choose_capacity == "perfect",
+            )
+            trade = self._trade(grid, price, power_kw, band, sold_kw)
+        return sold_kw, trade, budget
+
     def _trade(
         self,
         grid: TimeGrid,
@@ -278,46 +290,43 @@ def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
     return max(least, int(np.ceil(steps - 1e-9)))
 
 
+@dataclass(eq=False)
 class ReserveSource(DemandSource):
     """Frequency response, scheduled recharge, and optional trade; ``capacity_kw`` is sold in each step."""
 
-    _carried = ("_recharge", "_plan", "_day", "_sold_kwh", "_recorded", "_budget")
+    _carried = ("recharge", "_plan", "_day", "_sold_kwh", "_recorded", "budget")
 
-    def __init__(
-        self,
-        choice: FcrDemand,
-        capacity_kw: Array,
-        response_kw: Forecast,
-        recharge: RechargeScheduler,
-        store: StorageEstimator,
-        trade: Arbitrage | None,
-        budget: CycleBudget | None = None,
-    ) -> None:
-        self._choice, self._capacity_kw = choice, capacity_kw
-        self._response_kw, self._store = response_kw, store
-        self._recharge, self._trade, self._budget = recharge, trade, budget
-        self._max_capacity_kw = float(capacity_kw.max())
-        self._plan: Array = np.zeros(0)
-        self._day: int | None = None
-        self._sold_kwh = 0.0
-        self._recorded: dict[str, float] = {}
+    choice: FcrDemand
+    capacity_kw: Array
+    response_kw: Forecast
+    recharge: RechargeScheduler
+    store: StorageEstimator
+    trade: Arbitrage | None
+    budget: CycleBudget | None
+    _plan: Array = field(default_factory=lambda: np.zeros(0))
+    _day: int | None = None
+    _sold_kwh: float = 0.0
+    _recorded: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._max_capacity_kw = float(self.capacity_kw.max())
 
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""
-        stored_kwh, capacity_kwh = self._store.stored_kwh(now.state), self._store.capacity_kwh(now.state)
-        if self._budget is not None:
+        stored_kwh, capacity_kwh = self.store.stored_kwh(now.state), self.store.capacity_kwh(now.state)
+        if self.budget is not None:
             answered_kw = max(0.0, self._recorded.get("response_kw", 0.0))
-            self._budget.advance(step, now.state.soc, now.delivered_kw, answered_kw)
-        capacity_kw = float(self._capacity_kw[step])
+            self.budget.advance(step, now.state.soc, now.delivered_kw, answered_kw)
+        capacity_kw = float(self.capacity_kw[step])
         window, largest = (
-            EnergyWindow.of(each, self._choice.duration_min, capacity_kwh, self._store.one_way_efficiency)
+            EnergyWindow.of(each, self.choice.duration_min, capacity_kwh, self.store.one_way_efficiency)
             for each in (capacity_kw, self._max_capacity_kw)
         )
-        band = largest.narrowed(self._choice.band)
-        shift_kw = self._recharge.advance(step, stored_kwh, band)
+        band = largest.narrowed(self.choice.band)
+        shift_kw = self.recharge.advance(step, stored_kwh, band)
         traded_kw = self._traded(step, stored_kwh, band)
-        response_kw = self._response_kw.ahead(step, horizon)
-        schedule_kw = padded(self._recharge.scheduled_kw[: horizon - 1], horizon - 1)
+        response_kw = self.response_kw.ahead(step, horizon)
+        schedule_kw = padded(self.recharge.scheduled_kw[: horizon - 1], horizon - 1)
         schedule_kw = np.concatenate([[shift_kw], schedule_kw]) + padded(traded_kw[:horizon], horizon)
         free_kw = max(0.0, float(now.limit_kw.sum()) - abs(schedule_kw[0]))
         self._recorded = {
@@ -325,30 +334,30 @@ class ReserveSource(DemandSource):
             "schedule_kw": float(schedule_kw[0]),
             "capacity_kw": capacity_kw,
             "capacity_able_kw": min(free_kw, window.sustainable_kw(capacity_kw, stored_kwh, capacity_kwh)),
-            "soc_low": self._store.soc_at(now.state, window.low_kwh),
-            "soc_high": self._store.soc_at(now.state, window.high_kwh),
+            "soc_low": self.store.soc_at(now.state, window.low_kwh),
+            "soc_high": self.store.soc_at(now.state, window.high_kwh),
         }
         demand_kw = padded(response_kw, horizon) + schedule_kw
-        if self._budget is None:
+        if self.budget is None:
             return demand_kw
-        allowed_kw = self._budget.limited(demand_kw, self._store.smallest_kwh(now.state))
+        allowed_kw = self.budget.limited(demand_kw, self.store.smallest_kwh(now.state))
         if allowed_kw[0] != demand_kw[0]:
             self._recorded["capacity_able_kw"] = 0.0
-        self._recorded |= self._budget.recorded()
+        self._recorded |= self.budget.recorded()
         return allowed_kw
 
     def _traded(self, step: int, stored_kwh: float, band: EnergyWindow) -> Array:
         """Return the planned trade of this step and the next ones."""
-        if self._trade is None:
+        if self.trade is None:
             return np.zeros(0)
-        day = int(self._trade.days[step])
+        day = int(self.trade.days[step])
         if day != self._day:
             self._day, self._sold_kwh = day, 0.0
         self._plan = self._plan[1:]
-        if self._trade.is_due(step):
-            budget = {} if self._budget is None else self._budget.for_plan()
-            self._plan = self._trade.plan(step, stored_kwh - band.low_kwh, self._sold_kwh, **budget)
-        self._sold_kwh += max(0.0, float(self._plan[0])) * self._trade.dt_h / self._store.one_way_efficiency
+        if self.trade.is_due(step):
+            budget = {} if self.budget is None else self.budget.for_plan()
+            self._plan = self.trade.plan(step, stored_kwh - band.low_kwh, self._sold_kwh, **budget)
+        self._sold_kwh += max(0.0, float(self._plan[0])) * self.trade.dt_h / self.store.one_way_efficiency
         return self._plan
 
     def planned(self, step: int) -> dict[str, float]:

@@ -152,36 +152,32 @@ class SelfConsumptionDemand(SiteDemand):
         return self
 
 
+@dataclass(eq=False)
 class MeterSource(DemandSource):
     """A battery that keeps the power at the meter at a target (:class:`~bess.dispatch.GridPowerTarget`)."""
 
-    _carried = ("_store",)
+    _carried = ("store",)
     demand_depends_on_soc = True
 
-    def __init__(
-        self,
-        net_kw: Forecast,
-        target: GridPowerTarget,
-        target_kw: Array,
-        store: StorageEstimator,
-        ready_soc: float,
-    ) -> None:
-        self._net_kw, self._target, self._target_kw = net_kw, target, target_kw
-        self._store, self._ready_soc = store, ready_soc
+    net_kw: Forecast
+    target: GridPowerTarget
+    target_kw: Array
+    store: StorageEstimator
+    ready_soc: float
 
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""
         state = now.state
-        self._store.update(state, now.delivered_kw * self._target.dt_h)
-        net_kw = self._net_kw.ahead(step, horizon)
+        self.store.update(state, now.delivered_kw * self.target.dt_h)
+        net_kw = self.net_kw.ahead(step, horizon)
         target = replace(
-            self._target,
-            target_kw=self._target_kw[step : step + net_kw.size],
-            one_way_efficiency=self._store.one_way_efficiency,
-            power_kw=min(self._target.power_kw, float(now.limit_kw.sum())),
-            capacity_kwh=self._store.capacity_kwh(state, self._ready_soc),
+            self.target,
+            target_kw=self.target_kw[step : step + net_kw.size],
+            one_way_efficiency=self.store.one_way_efficiency,
+            power_kw=min(self.target.power_kw, float(now.limit_kw.sum())),
+            capacity_kwh=self.store.capacity_kwh(state, self.ready_soc),
         )
-        return padded(target.demand_kw(net_kw, self._store.stored_kwh(state)), horizon)
+        return padded(target.demand_kw(net_kw, self.store.stored_kwh(state)), horizon)
 
 
 @dataclass(frozen=True)
@@ -210,16 +206,8 @@ def site_of(meter: MeterSection, setting: Setting, grid: TimeGrid | None = None)
     ):
         if name is None:
             continue
-        given = setting.power_of(
-            name,
-            f"{place}.{key}",
-            SITES,
-            scale=scale,
-            column=column,
-            unit=meter.unit,
-            time_zone=meter.time_zone,
-            fill=meter.fill,
-        )
+        reading = meter.model_dump(include={"unit", "time_zone", "fill"})
+        given = setting.power_of(name, f"{place}.{key}", SITES, scale=scale, column=column, **reading)
         low, high = given.values.min(), given.values.max()
         setting.note(f"{key}: {given.what}, {low:.4g} to {high:.4g} kW", given)
         grid = grid or setting.grid_of(given)
