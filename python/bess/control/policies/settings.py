@@ -1,4 +1,4 @@
-"""Settings of a policy: section ``[policy]`` of a study, and the values that a policy needs from its other sections."""
+"""Settings of a policy: section ``[policy]`` of a study, and values from its other sections."""
 
 from __future__ import annotations
 
