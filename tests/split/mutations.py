@@ -145,7 +145,7 @@ RUST = [
     ("nodes: half of the demand is left to the others", f"{REACH}/node.rs", "self.demand_w[t] - others_low + slack_w", "0.5 * (self.demand_w[t] - others_low) + slack_w"),
     ("nodes: what others have to shed is left out", f"{REACH}/node.rs", "let others_w = min_w - cell.shed_w.low;", "let others_w = min_w;"),
     ("reach: heat by the smaller current", f"{REACH}/cell.rs", "(current.high * current.high).max(current.low * current.low)", "(current.high * current.high).min(current.low * current.low)"),
-    ("reach: the weakest limit is the strongest", f"{REACH}/cell.rs", "low: power(v.low, r.high, headroom_a.low.min(max_a.low))", "low: power(v.high, r.low, headroom_a.low.min(max_a.low))"),
+    ("reach: the weakest limit is the strongest", f"{REACH}/cell.rs", "low: power(v.low, r.high, fill_a.low.min(max_a.low))", "low: power(v.high, r.low, fill_a.low.min(max_a.low))"),
     ("reach: parts of a box are left out", f"{REACH}/cell.rs", "fold(Cell::NONE, |all, cell| all.union(&cell))", "fold(Cell::NONE, |_, cell| cell)"),
     ("least cost: shedding is paid twice", f"{REACH}/step_bounds.rs", "let saved = (shed_slope - shed_cost).max(0.0);", "let saved = (shed_slope - 2.0 * shed_cost).max(0.0);"),
     ("bound tightening: shedding saves half", f"{REACH}/bound_tightening/horizon_bound.rs", "max_saving += slope * shed_w;", "max_saving += 0.5 * slope * shed_w;"),

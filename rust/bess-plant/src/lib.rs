@@ -1,11 +1,10 @@
 //! Electro-thermal plant of a battery of parallel strings, the simulated system of the closed loop.
 //!
-//! Per plant step (10 s) and string: derating, SOC and voltage limits, inverter loss at delivered power,
-//! Rint current, heat, one step of the air-cooled one-dimensional thermal model, SOC by charge. Undelivered
-//! power is reported (derating loss, availability loss) with the active limit, and an energy
-//! balance checks that AC energy = chemical change + heat + hysteresis + inverter loss. Chemical energy is a function of
-//! state, the capacity times the integral of the rest voltage over SOC. Strings may age ([`ageing`]): between
-//! control steps their capacity falls and their resistance rises at constant SOC; the charge lost
+//! Per plant step (10 s) and string: derating, SOC and voltage limits, inverter loss at delivered power, Rint current, heat, one
+//! step of the air-cooled one-dimensional thermal model, SOC by charge. Undelivered power is reported (derating loss,
+//! availability loss) with the active limit, and an energy balance checks that AC energy = chemical change + heat + hysteresis +
+//! inverter loss. Chemical energy is a function of state, the capacity times the integral of the rest voltage over SOC. Strings
+//! may age ([`ageing`]): between control steps their capacity falls and their resistance rises at constant SOC; the charge lost
 //! with the capacity, `soc * dQ`, is reported.
 //!
 //! SI units, temperatures in degC, power and current positive in discharge. Many strings, or many scenarios of

@@ -377,8 +377,7 @@ impl ControlHorizon {
         Ok(values.into_iter().map(|(name, row)| (name, matrix(py, n_strings, row))).collect())
     }
 
-    /// Flows of single steps, from states `(M, T)`, which are points, with requests `(M, T)` [kW],
-    /// magnitudes.
+    /// Flows of single steps, from states `(M, T)`, which are points, with requests `(M, T)` [kW], magnitudes.
     fn flows_from(
         &self,
         py: Python<'_>,

@@ -57,8 +57,7 @@ pub struct Rule {
 
 #[pymethods]
 impl Rule {
-    /// `name` is that of the policy; arrays `(M,)`: nominal power [kW] and energy [kWh], temperature of full
-    /// derating [degC].
+    /// `name` is that of the policy; arrays `(M,)`: nominal power [kW] and energy [kWh], temperature of full derating [degC].
     #[new]
     fn new(
         system: &System,
@@ -93,9 +92,8 @@ impl Rule {
         Ok(vector(py, request_kw.map_err(value_error)?))
     }
 
-    /// Runs the closed loop over `plant`: `demand_kw` `(T,)`, never above the sum of `limit_kw` `(T, M)`,
-    /// `ambient_c` `(T,)`. Returns the record of `Plant.run`, and `request_kw`, flat in the order (step,
-    /// string).
+    /// Runs the closed loop over `plant`: `demand_kw` `(T,)`, never above the sum of `limit_kw` `(T, M)`, `ambient_c` `(T,)`.
+    /// Returns the record of `Plant.run`, and `request_kw`, flat in the order (step, string).
     fn run<'py>(
         &self,
         py: Python<'py>,

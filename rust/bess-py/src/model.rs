@@ -103,8 +103,7 @@ impl ControlModel {
         Self { inner: bess_control::ControlModel::new(&system.inner) }
     }
 
-    /// Rolls out signed requests `(B, M, T)` [kW], with the coefficients at the start or the middle of each
-    /// step.
+    /// Rolls out signed requests `(B, M, T)` [kW], with the coefficients at the start or the middle of each step.
     #[pyo3(signature = (soc, temperature_c, request_kw, ambient_c, dt_h, midpoint=false))]
     fn rollout(
         &self,
@@ -205,9 +204,8 @@ impl ControlModel {
         Ok(vector(py, kilowatts(request_w)))
     }
 
-    /// Allocates a total reactive power of equal sign to the strings `(M,)` [kvar], at minimum loss with
-    /// signed requests `(M,)` [kW], within `limit_kva` `(M,)`; the start of an inverter costs `start_kw`
-    /// `(M,)`.
+    /// Allocates a total reactive power of equal sign to the strings `(M,)` [kvar], at minimum loss with signed requests `(M,)`
+    /// [kW], within `limit_kva` `(M,)`; the start of an inverter costs `start_kw` `(M,)`.
     fn share_reactive(
         &self,
         py: Python<'_>,

@@ -8,8 +8,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{check_shape, matrix, numbers, Flags, Matrix, MatrixIn};
 
-/// Ranges of the state of every string `(M, N)` at the start of each step, optionally also at the end of the
-/// last.
+/// Ranges of the state of every string `(M, N)` at the start of each step, optionally also at the end of the last.
 #[pyclass(frozen, module = "bess._core")]
 pub struct StateBoxes {
     pub(crate) n_strings: usize,

@@ -20,8 +20,7 @@ pub struct Plan {
     rule_cost: f64,
     /// Dual bound on the grid; None if not computed.
     search_bound: Option<f64>,
-    /// Proven lower bound by prices on the control model with the coefficients at the start of each step;
-    /// None if not computed.
+    /// Proven lower bound by prices on the control model with the coefficients at the start of each step; None if not computed.
     bound: Option<f64>,
     rollouts: usize,
     /// Marginal cost of initial charge, mean over the strings by capacity.

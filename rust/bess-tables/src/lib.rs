@@ -1,13 +1,11 @@
 //! Parameters and look-up tables of a battery of parallel strings.
 //!
-//! Plant and controller share these tables and nothing else: each has its own formulas, so that a comparison of
-//! the two reveals an error in either. Everything here is validated once, at construction, and is then immutable.
-//! Units are SI throughout (W, A, V, Ohm, s), temperatures in degC, charge in Ah; cell values are converted
-//! to string values.
+//! Plant and controller share these tables and nothing else: each has its own formulas, so that a comparison of the two reveals
+//! an error in either. Everything here is validated once, at construction, and is then immutable. Units are SI throughout (W, A,
+//! V, Ohm, s), temperatures in degC, charge in Ah; cell values are converted to string values.
 //!
-//! [`System::from_json`] reads the description of a plant, validated in Python, and builds one
-//! [`StringParameters`] for each string, with its tables ([`Lut`] over one axis, [`Grid`] over two, [`Resistance`] over
-//! the state) and its [`Cooling`].
+//! [`System::from_json`] reads the description of a plant, validated in Python, and builds one [`StringParameters`] for each
+//! string, with its tables ([`Lut`] over one axis, [`Grid`] over two, [`Resistance`] over the state) and its [`Cooling`].
 //!
 //! [`widest!`] compiles inner loops of both for the widest vectors of the processor.
 

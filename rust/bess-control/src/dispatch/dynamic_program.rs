@@ -278,8 +278,7 @@ impl<'a> DynamicProgram<'a> {
 }
 
 widest! {
-    /// Values of the grid before a block: those of the best transition. Reuses the `income` of the next block if it
-    /// is equal.
+    /// Values of the grid before a block: those of the best transition. Reuses the `income` of the next block if it is equal.
     fn bellman_step(program: &DynamicProgram<'_>, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
         let (grid, transitions) = (&program.store.grid, program.transitions(b));
         let energies = grid.energy_kwh.len();

@@ -99,8 +99,7 @@ impl LossCurve {
         self.power[above - 1] + share * (self.power[above] - self.power[above - 1])
     }
 
-    /// AC power above which `g` is not negative [W]: at such powers, a charging inverter does not discharge
-    /// the battery.
+    /// AC power above which `g` is not negative [W]: at such powers, a charging inverter does not discharge the battery.
     pub fn max_drawing_w(&self) -> f64 {
         let g: Vec<f64> = self.power.iter().zip(&self.loss).map(|(&p, &w)| self.internal_w(p, w)).collect();
         let Some(last) = g.iter().rposition(|g| *g < 0.0) else { return 0.0 };

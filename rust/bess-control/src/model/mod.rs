@@ -1,11 +1,10 @@
 //! The control model of strings over an interval (docs/equations.md, 1 to 6), and of a plant.
 //!
-//! `string` is one string over one interval, with the coefficients of its start, on the curves of
-//! `loss_curve`; `midpoint` is its form in plans. `control_model` combines strings to a plant: roll-outs of
-//! given requests (`rollout`) and of a demand on the whole plant (`track_demand`). `horizon` is a split
-//! problem, `objectives` the cost of schedules, `fitted` meets the demand within the limits, `set_points` removes
-//! requests below the minimum power. `ranges` bounds the coefficients over a box of states; `heat` is the
-//! heat of a power.
+//! `string` is one string over one interval, with the coefficients of its start, on the curves of `loss_curve`; `midpoint` is its
+//! form in plans. `control_model` combines strings to a plant: roll-outs of given requests (`rollout`) and of a demand on the
+//! whole plant (`track_demand`). `horizon` is a split problem, `objectives` the cost of schedules, `fitted` meets the demand
+//! within the limits, `set_points` removes requests below the minimum power. `ranges` bounds the coefficients over a box of
+//! states; `heat` is the heat of a power.
 
 mod control_model;
 mod fitted;

@@ -19,8 +19,7 @@ pub(crate) struct OperatingTerms {
     pub derating: Range,
     /// Range of `V^2 / R` [W], which takes its value of minimum cost at the price below.
     pub power_scale_w: Range,
-    /// Price of `V^2 / R`, with the inverter on or off [1/W]: the sensitivity of the step's cost to the
-    /// state.
+    /// Price of `V^2 / R`, with the inverter on or off [1/W]: the sensitivity of the step's cost to the state.
     pub scale_price: f64,
     /// Price of internal power, in addition to its loss [1/W].
     pub power_price: f64,
@@ -143,8 +142,7 @@ impl CostCurve {
         out
     }
 
-    /// `R I / V` at which the heat saved by a watt of `V^2 / R` equals its price:
-    /// `dh/dy = -s^2 / (1 +- 2 s)`.
+    /// `R I / V` at which the heat saved by a watt of `V^2 / R` equals its price: `dh/dy = -s^2 / (1 +- 2 s)`.
     fn balanced_share(&self) -> f64 {
         let ratio = self.terms.scale_price / self.terms.costs.battery;
         match self.terms.direction {

@@ -5,8 +5,7 @@ use super::cost_curve::{Response, StringCost};
 
 const MAX_PRICES: usize = 80;
 const GAP: f64 = 1e-12;
-/// Relative tolerance within which a total meets the demand: the sum of all limits may round to just below
-/// it.
+/// Relative tolerance within which a total meets the demand: the sum of all limits may round to just below it.
 const ROUNDING: f64 = 1e-12;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,8 +1,7 @@
 //! Plans over a day or more with one cost function, shifted from step to step and re-optimised.
 //!
 //! A plan is a schedule of requests on the control model in its midpoint form ([`StringModel::step_midpoint`]). It has no
-//! certificate. In the model, its cost never exceeds the cost of the schedule of any rule or of its shifted
-//! warm start.
+//! certificate. In the model, its cost never exceeds the cost of the schedule of any rule or of its shifted warm start.
 //!
 //! `problem` defines the data, `starts` the initial schedules, and `paths` an incremental roll-out, which evaluates a
 //! change from its step on, with its co-states. Two strings at a time exchange power (`pair`): over a block of steps
@@ -54,8 +53,7 @@ const MAX_STEPS_AT_FINE_STEP: usize = 16;
 /// Step of the dynamic programs of single strings whose dual is a bound [h].
 const BOUND_STEP_H: f64 = 0.25;
 
-/// Effort of a plan, in roll-outs of all strings over all steps, so that results do not depend on the
-/// machine.
+/// Effort of a plan, in roll-outs of all strings over all steps, so that results do not depend on the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PlanEffort {
     /// Roll-outs for the shifted warm start, or for the best start of a restart.
@@ -86,8 +84,7 @@ pub struct Plan {
     pub bound: Option<f64>,
     /// Number of roll-outs.
     pub rollouts: usize,
-    /// Marginal cost of initial charge, averaged over the strings by capacity; negative if charge
-    /// is scarce [cost/Ah].
+    /// Marginal cost of initial charge, averaged over the strings by capacity; negative if charge is scarce [cost/Ah].
     pub start_charge: f64,
 }
 

@@ -158,8 +158,7 @@ impl<'a> PlanProblem<'a> {
         self
     }
 
-    /// Adds a reactive power demand, magnitudes `(T,)` [var]; reactive power above the remaining inverter power
-    /// is excluded.
+    /// Adds a reactive power demand, magnitudes `(T,)` [var]; reactive power above the remaining inverter power is excluded.
     ///
     /// In a plan, every string carries reactive power in proportion to its active power, and an overload uses
     /// another identical inverter: losses follow the power factor of the plant. Allocation by [`ControlModel::share_reactive`]

@@ -121,7 +121,7 @@ impl StringModel {
     }
 
     /// Smallest and largest current that fills (empties) a string within a step [A].
-    fn headroom_a(&self, states: &StateBox, direction: Direction, dt_h: f64) -> Range {
+    fn fill_a(&self, states: &StateBox, direction: Direction, dt_h: f64) -> Range {
         let p = &self.parameters;
         let per_soc = p.capacity_ah / dt_h;
         let (low, high) = match direction {
@@ -145,13 +145,7 @@ impl StringModel {
     }
 
     /// Smallest and largest limit of the AC power over a box [W].
-    fn limits(
-        &self,
-        c: &CoefficientRanges,
-        headroom_a: &Range,
-        max_a: &Range,
-        direction: Direction,
-    ) -> Range {
+    fn limits(&self, c: &CoefficientRanges, fill_a: &Range, max_a: &Range, direction: Direction) -> Range {
         let (v, r) = (c.voltage_v, c.resistance_ohm);
         let power = |v: f64, r: f64, current: f64| {
             self.loss(direction).largest_power(current * (v - direction.sign() * (r * current)))
@@ -159,13 +153,13 @@ impl StringModel {
         match direction {
             // The limit by the headroom rises with V and R, the voltage limit falls.
             Direction::Charge => Range {
-                low: power(v.low, r.low, headroom_a.low).min(power(v.high, r.high, max_a.low)),
-                high: power(v.high, r.high, headroom_a.high).min(power(v.low, r.low, max_a.high)),
+                low: power(v.low, r.low, fill_a.low).min(power(v.high, r.high, max_a.low)),
+                high: power(v.high, r.high, fill_a.high).min(power(v.low, r.low, max_a.high)),
             },
             // All rise with V and fall with R.
             Direction::Discharge => Range {
-                low: power(v.low, r.high, headroom_a.low.min(max_a.low)),
-                high: power(v.high, r.low, headroom_a.high.min(max_a.high)),
+                low: power(v.low, r.high, fill_a.low.min(max_a.low)),
+                high: power(v.high, r.low, fill_a.high.min(max_a.high)),
             },
         }
     }
@@ -184,9 +178,8 @@ impl StringModel {
             low: (c.derating.low * requests_w.low).max(0.0),
             high: (c.derating.high * requests_w.high).max(0.0),
         };
-        let (headroom_a, max_a) =
-            (self.headroom_a(states, direction, interval.dt_h), self.max_a(c, direction));
-        let limit = self.limits(c, &headroom_a, &max_a, direction);
+        let (fill_a, max_a) = (self.fill_a(states, direction, interval.dt_h), self.max_a(c, direction));
+        let limit = self.limits(c, &fill_a, &max_a, direction);
         // Power below the minimum power is zero.
         let is_none = |power_w: f64| power_w <= 0.0 || power_w < self.min_power_w();
         let mut cell = Cell {
@@ -237,18 +230,18 @@ impl StringModel {
                 let high = states.soc.high.min(p.soc_min - per_ampere * low);
                 cell.shed_soc = Range { low: states.soc.low, high: high.max(states.soc.low) };
             }
-            let mut current = Range { low, high: high.min(headroom_a.high).max(low) };
+            let mut current = Range { low, high: high.min(fill_a.high).max(low) };
             let edge = if direction == Direction::Charge { p.soc_max } else { p.soc_min };
-            if cell.shed_w.low > 0.0 && !cell.may_be_off && headroom_a.high <= max_a.low {
+            if cell.shed_w.low > 0.0 && !cell.may_be_off && fill_a.high <= max_a.low {
                 // The string becomes full.
                 certain_end_soc = Some(edge);
-                current = Range { low: current.low.max(headroom_a.low).min(current.high), ..current };
+                current = Range { low: current.low.max(fill_a.low).min(current.high), ..current };
             }
             if cell.may_shed() {
                 // Charge that a string cannot deliver, because the power is below the minimum power.
                 let (_, min_w) = curve.at(self.min_power_w());
                 let blocked_soc = 2.0 * per_ampere * min_w.max(0.0) / v.low;
-                if headroom_a.low <= max_a.high {
+                if fill_a.low <= max_a.high {
                     let toward = if direction == Direction::Charge { -blocked_soc } else { blocked_soc };
                     let end = Range::point(edge).union(&Range::point(edge + toward));
                     cell.shed_soc = cell.shed_soc.union(&end);
@@ -275,7 +268,7 @@ impl StringModel {
             (cell.current_a, cell.heat_w) = (current, heats);
         }
         cell.end = self.end(states, &cell, certain_end_soc, interval);
-        if cell.may_shed() && max_a.low < headroom_a.high {
+        if cell.may_shed() && max_a.low < fill_a.high {
             // Limited by its voltage, a string can end anywhere.
             cell.shed_soc = cell.shed_soc.union(&cell.end.soc);
         }

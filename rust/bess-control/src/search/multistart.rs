@@ -75,9 +75,8 @@ impl ControlHorizon {
         (0..self.n_groups()).any(|group| costs(group).iter().any(|c| c.battery > 0.0))
     }
 
-    /// Whether steps are coupled so that local optima are likely: there is availability or derating loss, or
-    /// another step with the largest SOC change of any string would bring a string to an end of its SOC
-    /// window.
+    /// Whether steps are coupled so that local optima are likely: there is availability or derating loss, or another step with
+    /// the largest SOC change of any string would bring a string to an end of its SOC window.
     pub(crate) fn is_scarce(&self, flows: &[Flow]) -> bool {
         let n_steps = self.n_steps();
         let (mut moved, mut room) = (0.0_f64, f64::INFINITY);

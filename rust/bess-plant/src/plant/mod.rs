@@ -98,10 +98,9 @@ impl Plant {
 
     /// Advances by `request_w.len() / lanes` control steps of `duration_s`.
     ///
-    /// `request_w[step * lanes + lane]` [W] is positive in discharge; `ambient_c[step * scenarios + scenario]`
-    /// [degC] is the air inlet temperature. Reactive power, if any, is in the order of the requests [var]; its sign is kept.
-    /// It is limited to the apparent power that active power leaves of the nominal power of its inverter. Nothing changes
-    /// if the input is refused.
+    /// `request_w[step * lanes + lane]` [W] is positive in discharge; `ambient_c[step * scenarios + scenario]` [degC] is the air
+    /// inlet temperature. Reactive power, if any, is in the order of the requests [var]; its sign is kept. It is limited to the
+    /// apparent power that active power leaves of the nominal power of its inverter. Nothing changes if the input is refused.
     ///
     /// # Errors
     ///

@@ -36,8 +36,7 @@ impl PlantState {
         self.node_temperature_c.len() / self.soc.len().max(1)
     }
 
-    /// Mean temperature of each lane [degC], of a state as [`Plant::state`] gives it: nodes that a string does not have are
-    /// NaN.
+    /// Mean temperature of each lane [degC], of a state as [`Plant::state`] gives it: nodes that a string does not have are NaN.
     pub fn mean_temperature_c(&self) -> Vec<f64> {
         let mean = |own: &[f64]| {
             let real = own.iter().take_while(|t| !t.is_nan()).count();

@@ -68,11 +68,8 @@ impl Resolution {
     fn of(problem: &PlanProblem<'_>, m: usize, soc_cells: f64) -> Self {
         let window = problem.soc_window(m);
         let window = window.high - window.low;
-        let max_cells = MAX_SHARE_OF_CELLS * soc_cells * window / problem.soc_of_full_step(m).min(window);
-        Self {
-            soc_cells: soc_cells.min(max_cells).ceil() as usize,
-            temperature_k: SOC_CELLS_AT_1_K / soc_cells,
-        }
+        let max = MAX_SHARE_OF_CELLS * soc_cells * window / problem.soc_of_full_step(m).min(window);
+        Self { soc_cells: soc_cells.min(max).ceil() as usize, temperature_k: SOC_CELLS_AT_1_K / soc_cells }
     }
 }
 
@@ -228,9 +225,8 @@ impl<'a> Kind<'a> {
             let Some(to) = self.soc.after(moves.direction, i, k) else { break };
             std::mem::swap(&mut below, &mut above);
             let of_boxes = errors.boxes.get(k);
-            let largest_error =
-                |j| of_boxes.map_or(f64::NEG_INFINITY, |errors| self.largest_around(errors, i, j));
-            above.iter_mut().enumerate().for_each(|(j, error)| *error = largest_error(j));
+            let largest = |j| of_boxes.map_or(f64::NEG_INFINITY, |errors| self.largest_around(errors, i, j));
+            above.iter_mut().enumerate().for_each(|(j, error)| *error = largest(j));
             let to = to * n_temperatures..(to + 1) * n_temperatures;
             let (next_row, plain_row) = (&next.of(true)[to.clone()], &next.plain[to]);
             let wear = dt_h * wear * moves.current_a * k as f64;
@@ -258,9 +254,8 @@ impl<'a> Kind<'a> {
             (slope(j) - slope(j - 1)).abs() / (at[j + 1] - at[j - 1])
         };
         let inner = 1..n - 1;
-        let curvature: f64 =
-            values.chunks_exact(n).flat_map(|row| inner.clone().map(|j| bend_at(row, j))).sum();
-        curvature / (self.soc.len * inner.len().max(1)) as f64
+        let sum: f64 = values.chunks_exact(n).flat_map(|row| inner.clone().map(|j| bend_at(row, j))).sum();
+        sum / (self.soc.len * inner.len().max(1)) as f64
     }
 
     /// Lowers values so that their correction has a limited curvature: kinks cause errors in the previous step and would grow.

@@ -111,8 +111,7 @@ impl Kind<'_> {
             .collect();
         let cells: Vec<(usize, usize)> =
             (0..self.soc.len - 1).flat_map(|i| (0..n_temperatures - 1).map(move |j| (i, j))).collect();
-        let bounds: Vec<CellBounds> =
-            cells.iter().map(|&(i, j)| self.cell_bounds(direction, i, j, &at)).collect();
+        let bounds: Vec<CellBounds> = cells.iter().map(|&(i, j)| self.bounds(direction, i, j, &at)).collect();
         let max_drawn_w = (-delivered.internal_w[0]).max(0.0);
         let drawn = bounds.iter().map(|bounds| {
             let (v, r) = (bounds.voltage_v.low, bounds.resistance_ohm.high);
@@ -202,7 +201,7 @@ impl Kind<'_> {
                 out.errors.truncate(k * self.n_cells());
                 break;
             }
-            let min_w = out.errors[k * self.n_cells()..].iter().map(|deviation| deviation.min_request_w);
+            let min_w = out.errors[k * self.n_cells()..].iter().map(|error| error.min_request_w);
             out.min_requests_w.push(min_w.fold(f64::INFINITY, f64::min));
             add_corners(&mut out.corners, k + 1);
         }
@@ -210,13 +209,7 @@ impl Kind<'_> {
     }
 
     /// Ranges and interpolation errors of voltage and resistance in a cell.
-    pub(super) fn cell_bounds(
-        &self,
-        direction: Direction,
-        i: usize,
-        j: usize,
-        at: &[(f64, f64)],
-    ) -> CellBounds {
+    pub(super) fn bounds(&self, direction: Direction, i: usize, j: usize, at: &[(f64, f64)]) -> CellBounds {
         let n_temperatures = self.n_temperatures();
         let soc = Range { low: self.soc.at(i as f64), high: self.soc.at((i + 1) as f64) };
         let temperature_c = Range { low: self.temperature_c[j], high: self.temperature_c[j + 1] };

@@ -1,7 +1,6 @@
-//! Kokam 75 Ah: capacity after BLAST-Lite `nmc111_gr_Kokam75Ah_2017` (Smith et al., ACC 2017, IEEE 7963578).
-//! Its resistance grows with `t^1.25` and triples in ten years at 25 degC, so the resistance is that of
-//! `schmalstieg`, with the cycling share at 0.29: the factor at which that model loses 20 % in the 4,600 full
-//! cycles that are quoted for large NMC111 cells.
+//! Kokam 75 Ah: capacity after BLAST-Lite `nmc111_gr_Kokam75Ah_2017` (Smith et al., ACC 2017, IEEE 7963578). Its resistance grows
+//! with `t^1.25` and triples in ten years at 25 degC, so the resistance is that of `schmalstieg`, with the cycling share at 0.29:
+//! the factor at which that model loses 20 % in the 4,600 full cycles that are quoted for large NMC111 cells.
 
 use super::schmalstieg;
 use crate::ageing::law::{CalendarConditions, Cycle, Knee, Law, Model};
