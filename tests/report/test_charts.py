@@ -15,7 +15,7 @@ from synthetic import kpis, record, with_reserve
 import bess
 from bess.report.charts import kpi_figures, operation
 from bess.report.data import MAX_CURVES, POINTS_PER_SERIES, TimeAxis, daily, thin
-from bess.report.drawing.chart import Chart
+from bess.report.drawing.chart import Chart, background_reach
 from bess.report.drawing.interactive import bokeh_document, legend
 from bess.report.drawing.style import PALETTE, colours
 from bess.simulation.record.dataset import with_initial
@@ -28,6 +28,13 @@ def year():
 
 def series(chart: Chart, panel: int, label: str = ""):
     return [entry for entry in chart.panels[panel].series if entry.label == label or not label]
+
+
+def test_a_demand_of_zero_has_an_axis_of_a_kilowatt() -> None:
+    data = record(2, 96)
+    data["demand_kw"][:] = 0.0
+    backgrounds = [panel.background for panel in operation.strings(data).panels if panel.background]
+    assert backgrounds and all(background_reach(each) == 1.15 for each in backgrounds)
 
 
 @pytest.mark.parametrize("n_strings", [2, MAX_CURVES + 1])

@@ -101,6 +101,17 @@ def test_net_income_is_what_the_entries_beside_it_add_up_to(tmp_path: Path) -> N
     assert costs == pytest.approx(sum(entries[earned:]), abs=3.0)
 
 
+def test_money_for_charging_at_negative_prices_is_no_cost_with_a_minus(tmp_path: Path) -> None:
+    data = record(2, 96, price=True)
+    data["price_eur_mwh"][:] = np.where(data["demand_kw"].values < 0.0, -80.0, 40.0)
+    write_run(tmp_path / "run", data)
+    runs = runs_in(tmp_path / "run")[0]
+    (sentence,) = [text for text in summary(runs) if text.startswith("Net income")]
+    assert re.search(r"from discharge revenue \d+ EUR and negative charge cost \d+ EUR less", sentence)
+    (tile,) = [tile for tile in tiles(runs["demo"]) if tile.label == "Net income"]
+    assert re.fullmatch(r"[\d,]+ revenue, -[\d,]+ costs", tile.detail)
+
+
 def test_what_limits_the_plant_is_its_largest_loss_with_the_hours_and_energy_of_the_record(
     tmp_path: Path,
 ) -> None:

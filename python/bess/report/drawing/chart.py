@@ -93,7 +93,7 @@ def spans_label(chart: Chart) -> str:
 
 def background_reach(background: Series) -> float:
     """Upper end of the axis of a background; the lower end is its negative."""
-    return 1.15 * float(np.nanmax(np.abs(background.y), initial=1e-9))
+    return 1.15 * (float(np.nanmax(np.abs(background.y), initial=0.0)) or 1.0)
 
 
 _MAX_LEGEND_ENTRIES = 8

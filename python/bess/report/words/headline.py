@@ -103,7 +103,8 @@ def _every(run: Run) -> Iterator[Tile]:
         yield _tile("gain_kwh", kpis, f"{run.gain_rule}: {_whole(kpis['lost_kwh'] + kpis['gain_kwh'])} kWh")
     if "net_eur" in kpis:
         revenue = sum(kpis.get(name, 0.0) for name in REVENUES)
-        detail = f"{_whole(revenue)} revenue − {_whole(revenue - kpis['net_eur'])} costs"
+        costs = revenue - kpis["net_eur"]
+        detail = f"{_whole(revenue)} revenue{' −' if costs >= 0.0 else ','} {_whole(costs)} costs"
         yield _tile("net_eur", kpis, detail)
     if "round_trip_efficiency_pct" in kpis:
         yield _tile("round_trip_efficiency_pct", kpis, "grid to grid, standby and cooling included")

@@ -96,19 +96,21 @@ def _one_run(run: Run) -> Iterator[str]:
         if asked > 0.0:
             yield f"{name}: {_kwh(given)} of {_kwh(asked)} demand, {100.0 * given / asked:.1f} %."
     if "net_eur" in kpis:
-        earned, spent = (_entries_eur(kpis, names) for names in (REVENUES, COSTS))
+        earned = [*_entries_eur(kpis, REVENUES, 1.0), *_entries_eur(kpis, COSTS, -1.0)]
+        spent = [*_entries_eur(kpis, COSTS, 1.0), *_entries_eur(kpis, REVENUES, -1.0)]
         yield (
             f"Net income: {kpis['net_eur']:,.0f} EUR, from {' and '.join(earned) or 'no revenue'} "
             f"less {', '.join(spent) or 'no costs'}."
         )
 
 
-def _entries_eur(kpis: Mapping[str, float], names: Iterable[str]) -> list[str]:
-    """The entries of a ledger that are not zero, each with its name."""
+def _entries_eur(kpis: Mapping[str, float], names: Iterable[str], sign: float) -> list[str]:
+    """The entries of a ledger with this sign that are not zero, each with its name."""
     return [
-        f"{kpi(name).label[0].lower()}{kpi(name).label[1:]} {kpis[name]:,.0f} EUR"
+        f"{'' if sign > 0.0 else 'negative '}{kpi(name).label[0].lower()}{kpi(name).label[1:]} "
+        f"{sign * kpis[name]:,.0f} EUR"
         for name in names
-        if abs(kpis.get(name, 0.0)) >= 0.5
+        if sign * kpis.get(name, 0.0) >= 0.5
     ]
 
 
