@@ -1,5 +1,6 @@
 """``bess demo-plant`` as a stranger starts it."""
 
+import shlex
 import signal
 import subprocess
 import sys
@@ -16,13 +17,18 @@ pytestmark = pytest.mark.process
 
 
 @pytest.mark.parametrize("kind", ["openems", "sunspec"])
-def test_it_says_how_to_drive_it_and_is_driven(connecting: Connecting, kind: str) -> None:
-    command = [sys.executable, "-m", "bess", "demo-plant", "--kind", kind, "--port", str(free_port())]
+def test_it_says_how_to_drive_it_and_is_driven(connecting: Connecting, kind: str, tmp_path: Path) -> None:
+    study = tmp_path / "my study.toml"
+    study.write_text('[demand]\nkind = "profile"\nfile = "two-cycle-48h"\n')
+    command = [sys.executable, "-m", "bess", "demo-plant", str(study), "--kind", kind]
+    command += ["--port", str(free_port())]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         assert "Simulated plant with 2 strings" in process.stdout.readline()
-        address = process.stdout.readline().split("--plant ")[1].strip()
+        command = shlex.split(process.stdout.readline())
+        assert command[:3] == ["bess", "serve", str(study)]
+        address = command[command.index("--plant") + 1]
         link = connecting(address, 2)
         link.write(np.array([30.0, -20.0]))
         assert link.read().power_kw == pytest.approx([30.0, -20.0], abs=0.01)

@@ -266,7 +266,7 @@ def demo_plant(
     if serve:
         serve_demo(loaded, kind, port, speed, _folder(None, f"{loaded.name}-demo", False))
     else:
-        demo_plant(loaded, kind, port, speed)
+        demo_plant(loaded, study, kind, port, speed)
 
 
 @app.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import socket
 import sys
 import threading
@@ -28,12 +29,15 @@ _SHOWN_EVERY_S: Final = 10.0
 _PAGE_AFTER_S: Final = 2.0
 
 
-def demo_plant(study: Study, kind: PlantKind, port: int | None, speed: float) -> None:
-    """Serve the plant of a study on the loopback interface and print its state every few seconds."""
+def demo_plant(study: Study, given: str, kind: PlantKind, port: int | None, speed: float) -> None:
+    """Serve the plant of a study on the loopback interface and print its state every few seconds.
+
+    ``given`` is the study as named on the command line, for the command that controls the plant.
+    """
     plant = _plant(study, speed)
     with _listening(plant, kind, port) as address:
         print(f"Simulated plant with {plant.n_strings} strings at {speed:g} times real time. Control it with")
-        print(f"  bess serve {study.name} --token-file FILE --plant {address}")
+        print(f"  bess serve {shlex.quote(given)} --token-file FILE --plant {address}")
         print("Stop it with Ctrl-C.", flush=True)
         try:
             while True:
