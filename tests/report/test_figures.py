@@ -6,13 +6,14 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from folders import write_run
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from synthetic import kpis, record, with_reserve
 
 import bess
 from bess.errors import InputError
-from bess.report import figures, save_figure
+from bess.report import figures, save_figure, write_report
 from bess.report.drawing.style import styled
 
 PLAIN = ("SOC", "Mean SOC", "Nodes", "String", "Derating factor", "Node (0 = air inlet)", "string", "")
@@ -211,3 +212,17 @@ def test_a_map_has_every_step_in_its_day_and_hour() -> None:
 def test_what_cannot_be_drawn_is_said(call: Callable[[], Figure], message: str) -> None:
     with pytest.raises(InputError, match=message):
         call()
+
+
+def test_a_full_disk_is_one_sentence_without_a_run_to_resume(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    figure = figures.strings(record(2, 96))
+    folder = write_run(tmp_path / "run", record(2, 96))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
+    try:
+        for write in (lambda: save_figure(figure, tmp_path / "strings.svg"), lambda: write_report(folder)):
+            with pytest.raises(bess.BessError, match=r"\.svg: the disk is full, make room; .* try again$"):
+                write()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)

@@ -18,7 +18,7 @@ from bess.optional_dependencies import extra
 from bess.report.runs import Run, runs_in
 from bess.simulation.analysis.catalogue import KpisByRun, grouped, kpi
 from bess.simulation.record import open_result, scenario_directories
-from bess.simulation.record.files import clear_errors, replacing
+from bess.simulation.record.files import REPEAT, clear_errors, replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -85,7 +85,7 @@ def export(directory: Path, kind: Literal["csv", "parquet"]) -> list[Path]:
         path = folder / f"record.{kind}"
         with opened(folder) as dataset:
             frame = _table(dataset)
-        with clear_errors(path), replacing(path) as temporary:
+        with clear_errors(path, REPEAT), replacing(path) as temporary:
             if kind == "csv":
                 whole = (frame["time"].dt.microsecond == 0).all()
                 seconds = "%S" if whole else "%S.%f"

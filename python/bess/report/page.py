@@ -33,7 +33,7 @@ from bess.report.words.headline import limit_sentences, tiles
 from bess.report.words.paper import comparisons, is_case_2, reading
 from bess.report.words.summary import choices, gain_sentence, subject, summary, unlike, warnings
 from bess.report.words.tables import SweepTable, decision_table, kpi_groups, read_sweep
-from bess.simulation.record.files import make_folder, write_bytes
+from bess.simulation.record.files import REPEAT, make_folder, write_bytes
 from bess.simulation.record.provenance import IDENTITY
 
 REPORT = "report.html"
@@ -234,7 +234,7 @@ def write_page(directory: Path, values: dict[str, Any]) -> Path:
         }
     )
     path = directory / REPORT
-    write_bytes(path, page.encode())
+    write_bytes(path, page.encode(), REPEAT)
     return path
 
 

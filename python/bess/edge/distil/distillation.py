@@ -20,7 +20,7 @@ from bess.edge.distil.training import GENERATIONS, TrainingCase, TrainingSet, fi
 from bess.edge.distil.translate import exports
 from bess.errors import InputError
 from bess.simulation.progress import reporting
-from bess.simulation.record.files import folder_in, make_folder, write_bytes
+from bess.simulation.record.files import REPEAT, folder_in, make_folder, write_bytes
 from bess.simulation.runner import run
 from bess.study import Study, expand
 from bess.study.study import as_study
@@ -208,5 +208,5 @@ def distil_runs(
         texts = {**exports(controller), "study.toml": each.to_toml()}
         texts[REPORT] = report(each, controller, list(trials(each, controller)))
         for file, text in texts.items():
-            write_bytes(folders[name] / file, text.encode())
+            write_bytes(folders[name] / file, text.encode(), REPEAT)
     return list(folders.values())

@@ -15,6 +15,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+from bess.simulation.record.files import REPEAT, clear_errors
+
 SINGLE_COLUMN_IN: Final = 3.5
 _NOTEBOOK_DPI: Final = 110
 DOUBLE_COLUMN_IN: Final = 7.2
@@ -150,15 +152,18 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Pa
         # The other files reuse this layout, which takes most of the time.
         engine = figure.get_layout_engine()
         figure.set_layout_engine("none")
-        figure.savefig(png, dpi=dpi, metadata={"Software": None})
-        figure.savefig(pdf, dpi=dpi, metadata={"CreationDate": None, "Creator": None, "Producer": None})
+        with clear_errors(png, REPEAT):
+            figure.savefig(png, dpi=dpi, metadata={"Software": None})
+        with clear_errors(pdf, REPEAT):
+            figure.savefig(pdf, dpi=dpi, metadata={"CreationDate": None, "Creator": None, "Producer": None})
         figure.set_layout_engine(engine)
     return svg, png, pdf
 
 
 def save_svg(figure: Figure, path: Path, *, dpi: int = 200) -> str:
     """Save a figure as SVG only, in a third of the time of :func:`save_figure`; return the drawing."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    with clear_errors(path, REPEAT):
+        path.parent.mkdir(parents=True, exist_ok=True)
     with styled(), io.StringIO() as text:
         canvas, screen_dpi = figure.canvas, figure.dpi
         # Rasterised parts are for screens. `savefig` would draw twice, the first time for the layout alone.
@@ -168,7 +173,8 @@ def save_svg(figure: Figure, path: Path, *, dpi: int = 200) -> str:
         figure.set_dpi(screen_dpi)
         figure.set_canvas(canvas)
         svg = shortened(text.getvalue())
-    path.write_text(svg, encoding="utf-8")
+    with clear_errors(path, REPEAT):
+        path.write_text(svg, encoding="utf-8")
     return svg
 
 

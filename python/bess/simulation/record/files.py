@@ -18,8 +18,13 @@ TEMPORARY = ".tmp"
 """Suffix of a file name during writing."""
 
 
+RESUME: Final = "continue with resume"
+REPEAT: Final = "try again"
+"""Remedies, for a run and for what is made anew."""
+
+
 @contextmanager
-def clear_errors(path: Path) -> Iterator[None]:
+def clear_errors(path: Path, remedy: str = RESUME) -> Iterator[None]:
     """Replace an operating system error while writing ``path`` by one sentence with the remedy."""
     try:
         yield
@@ -33,9 +38,7 @@ def clear_errors(path: Path) -> Iterator[None]:
             ) from error
         full = code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         cause = "the disk is full, make room" if full else f"cannot be written ({error.strerror or error})"
-        raise BessError(
-            f"{path}: {cause}; everything saved before is intact, continue with resume"
-        ) from error
+        raise BessError(f"{path}: {cause}; everything saved before is intact, {remedy}") from error
 
 
 @contextmanager
@@ -64,9 +67,9 @@ def replacing(path: Path) -> Iterator[Path]:
         raise
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: Path, content: bytes, remedy: str = RESUME) -> None:
     """Write a whole file atomically and durably."""
-    with clear_errors(path):
+    with clear_errors(path, remedy):
         put_bytes(path, content)
 
 
