@@ -53,7 +53,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
     """Read all files of a study and check that they cover the run; ``system`` replaces that of the study."""
     system = build_system(study.system, study.run, study.wear, system)
     setting = Setting(study.name, study.run, study.budget, study.settlement, system)
-    if setting.step_s != round(setting.step_s):
+    if not system.control.step_s.is_integer():
         raise InputError(
             f"{system.name}: control.step_min = {system.control.step_min:g}: must be whole seconds"
         )

@@ -91,17 +91,25 @@ def schema(kind: Kind) -> dict[str, Any]:
 
 
 def _described(kind: Kind) -> dict[str, Any]:
-    model = Study if kind == "study" else _system_file()
-    made: dict[str, Any] = model.model_json_schema()
-    if kind == "system":
+    """JSON schema of the models of a file, with a description and a unit for each key."""
+    made: dict[str, Any]
+    if kind == "study":
+        made = Study.model_json_schema()
+    else:
+        whole = dict(PlantSections.model_fields)
+        fields = {"about": whole.pop("about"), **STRING_SECTIONS, **whole}
+        sections: dict[str, Any] = {name: (field.annotation, field) for name, field in fields.items()}
+        made = create_model("SystemFile", __base__=Section, **sections).model_json_schema()
         for section, (key, *_) in COMPONENTS.items():
             table = made["$defs"][section.capitalize()]
             table["properties"] = {key: {"type": "string"}, **table["properties"]}
+    known = meanings(kind)
     for prefix, _, table in _tables(made, made):
         for name, field in table.get("properties", {}).items():
-            if meaning := _meaning(kind, prefix + name):
+            starred = f"{prefix.rstrip('.').rpartition('.')[0]}.*.{name}"
+            if meaning := known.get(prefix + name, known.get(starred)):
                 field["description"] = meaning
-            if unit := _unit(name):
+            if unit := next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), ""):
                 field["x-unit"] = unit
     return made
 
@@ -119,17 +127,9 @@ def keys(kind: Kind) -> list[Key]:
             default = "name of the file" if dotted == "name" else _default(field, name, table)
             types, ranges = (dict.fromkeys(each) for each in zip(*map(_type_and_range, options), strict=True))
             key_type, allowed = " or ".join(types), "; ".join(filter(None, ranges))
-            meaning = _meaning(kind, dotted)
-            entry = Key(header, dotted, key_type, _unit(name), default, allowed, meaning)
-            found.setdefault((header, dotted), entry)
+            unit, meaning = field.get("x-unit", ""), field.get("description", "")
+            found.setdefault((header, dotted), Key(header, dotted, key_type, unit, default, allowed, meaning))
     return list(found.values())
-
-
-def _system_file() -> type[Section]:
-    whole = dict(PlantSections.model_fields)
-    fields = {"about": whole.pop("about"), **STRING_SECTIONS, **whole}
-    sections: dict[str, Any] = {name: (field.annotation, field) for name, field in fields.items()}
-    return create_model("SystemFile", __base__=Section, **sections)
 
 
 def _tables(
@@ -164,17 +164,6 @@ def _is_section(options: list[dict[str, Any]], root: dict[str, Any]) -> bool:
     """Whether a field is a table, or a list of tables, whose keys are listed by themselves."""
     items = [part for option in options for part in _options(option.get("items") or {"type": "null"}, root)]
     return any("properties" in option for option in (*options, *items))
-
-
-def _meaning(kind: Kind, key: str) -> str:
-    known = meanings(kind)
-    parts = key.split(".")
-    starred = ".".join([*parts[:-2], "*", parts[-1]]) if len(parts) > 2 else key
-    return known.get(key, known.get(starred, ""))
-
-
-def _unit(name: str) -> str:
-    return next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
 
 
 def _default(field: dict[str, Any], name: str, table: dict[str, Any]) -> str:

@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import resources
-from typing import Final, Literal
+from typing import Final
 
 from bess.errors import InputError
 from bess.simulation.analysis.pareto import Direction
@@ -21,11 +21,7 @@ Kpis = Mapping[str, float]
 KpisByRun = Mapping[str, Kpis]
 """KPIs by the name of the run; the name may be empty."""
 
-Group = Literal[
-    "energy", "losses", "money", "service", "efficiency", "temperature", "ageing", "strings", "solver"
-]
-
-HEADINGS: Final[dict[Group, str]] = {
+HEADINGS: Final = {
     "energy": "Energy",
     "losses": "Losses",
     "money": "Money",
@@ -46,8 +42,8 @@ class Kpi:
     label: str
     """Name in tables and figures."""
     meaning: str
-    group: Group
-    """Group, which determines the heading."""
+    group: str
+    """Key of the heading in :data:`HEADINGS`."""
     unit: str = ""
     """Unit of the value as shown; empty for counts and ratios."""
     better: Direction | None = None

@@ -78,19 +78,14 @@ class Setting:
     """Notes on these files, for display."""
 
     @property
-    def step_s(self) -> float:
-        """Control step [s]."""
-        return self.system.control.step_s
-
-    @property
     def start(self) -> datetime:
         """Start of a series without time stamps."""
         return self.run.start or DEFAULT_START
 
     def grid_of(self, series: SampledSeries) -> TimeGrid:
         """Return the control steps of the run; by default it covers the series."""
-        start = self.run.start or series.grid.start
-        return TimeGrid.of(start, self.step_s, self.run.days or series.days_from(start, self.step_s))
+        start, step_s = self.run.start or series.grid.start, self.system.control.step_s
+        return TimeGrid.of(start, step_s, self.run.days or series.days_from(start, step_s))
 
     def series_of(
         self, read: pd.Series[float], file: str, key: str, repeat_key: str | None = None
@@ -114,10 +109,11 @@ class Setting:
         ``reading`` are further arguments of :func:`bess.dispatch.read_profile`.
         """
         check_bundled(key, name, bundled)
-        dt_h, repeat_key = self.step_s / 3600.0, f"{key.rpartition('.')[0]}.repeat"
+        step_s, repeat_key = self.system.control.step_s, f"{key.rpartition('.')[0]}.repeat"
+        dt_h = step_s / 3600.0
         if name in bundled:
             values, start_s = bundled[name](dt_h=dt_h) * scale, seconds_of(self.start)
-            return SampledSeries(values, start_s, round(self.step_s), f"profile {name}", key, repeat_key)
+            return SampledSeries(values, start_s, round(step_s), f"profile {name}", key, repeat_key)
         read = read_profile(name, scale=scale, dt_h=dt_h, **reading)
         return self.series_of(read, name, key, repeat_key)
 
