@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from plant_partners import N, Rig
 
-from bess.edge.plant_io import calls, openems, sunspec
+from bess.edge.plant_io import calls, link
 from bess.edge.plant_io.journal import open_journal
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
 
@@ -217,8 +217,7 @@ def test_a_machine_whose_clock_is_set_drives_on(
         def now(cls, tz: Any = None) -> datetime:
             return datetime.now(tz) + cls.offset
 
-    for module in (openems, sunspec):
-        monkeypatch.setattr(module, "datetime", Jumping)
+    monkeypatch.setattr(link, "datetime", Jumping)
     rig.ask(DISCHARGE_KW)
     rig.step(2)
     Jumping.offset = timedelta(seconds=jump_s)

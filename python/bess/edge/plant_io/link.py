@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import datetime
-from typing import Final, Generic, Protocol, TypeVar
+from collections.abc import Coroutine, Hashable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
+from typing import Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.edge.plant_io import calls
+from bess.edge.plant_io.calls import Calls
 from bess.errors import BessError, InputError
 
 REFRESH_S: Final = 20.0
 """A third of the time in which set-points expire, so that two consecutive writes may be lost."""
 
 K = TypeVar("K", bound=Hashable)
+T = TypeVar("T")
 
 
 class LinkError(BessError):
@@ -64,6 +67,30 @@ class Measurements:
     remarks: tuple[str, ...] = ()
     setpoint_kw: NDArray[np.float64] | None = None
     plant_kw: float = float("nan")
+
+
+@dataclass(frozen=True)
+class StringReadings:
+    """Present readings of one string, as in :class:`Measurements`; by default it reports nothing."""
+
+    soc: float = math.nan
+    temperature_c: float = math.nan
+    power_kw: float = math.nan
+    charge_limit_kw: float = 0.0
+    discharge_limit_kw: float = 0.0
+    setpoint_kw: float = math.nan
+    available: bool = False
+    remarks: str = ""
+
+
+def measurements(strings: Sequence[StringReadings], plant_kw: float = math.nan) -> Measurements:
+    """Return the readings of all strings, in their order, as measurements of now."""
+    columns: dict[str, Any] = {
+        entry.name: np.array([getattr(string, entry.name) for string in strings])
+        for entry in fields(StringReadings)
+    }
+    remarks = tuple(columns.pop("remarks").tolist())
+    return Measurements(time=datetime.now(UTC), remarks=remarks, plant_kw=plant_kw, **columns)
 
 
 class PlantLink(Protocol):
@@ -129,22 +156,16 @@ class PlantLink(Protocol):
 class StringLink(ABC, Generic[K]):
     """Base of links that write each string separately, in whole watts.
 
-    ``_strings`` are the strings in their order; as text, they are names for messages.
+    ``strings`` are the strings in their order; as text, they are names for messages. ``place`` names the
+    plant in messages if its strings do not.
     """
 
-    n_strings: int
-    _strings: Sequence[K]
+    def __init__(self, strings: Sequence[K], n_strings: int, place: str = "") -> None:
+        self.n_strings, self._strings, self._place = n_strings, strings, place
+        self._calls = Calls()
 
     def write(self, power_kw: NDArray[np.float64]) -> None:
-        """Write set-points [kW], as the protocol of a link.
-
-        Raises
-        ------
-        InputError
-            The set-points have another shape or are infinite.
-        LinkError
-            A set-point did not arrive.
-        """
+        """As :meth:`PlantLink.write`; set-points of another shape or infinite ones are an InputError."""
         setpoints = np.asarray(power_kw, dtype=np.float64)
         if setpoints.shape != (self.n_strings,) or np.isinf(setpoints).any():
             raise InputError(
@@ -160,6 +181,20 @@ class StringLink(ABC, Generic[K]):
         """Clear all set-points; those that cannot be cleared expire."""
         self._raise(self._set(dict.fromkeys(self._strings)))
 
+    def close(self) -> None:
+        """Close the connections."""
+        self._calls.close(self._disconnect())
+
+    def _within(self, call: Coroutine[Any, Any, T], within_s: float) -> T:
+        """Return the result of a call with a deadline."""
+        try:
+            return self._calls(call, within_s)
+        except TimeoutError:
+            raise self._late() from None
+
+    def _late(self) -> LinkError:
+        return LinkError(f"{self._place}{self._place and ': '}no answer within {calls.DEADLINE_S:g} s")
+
     def _may_write(self) -> None:
         """Raise LinkError while nothing may be written."""
 
@@ -170,6 +205,10 @@ class StringLink(ABC, Generic[K]):
     @abstractmethod
     def _set(self, power_w: Mapping[K, int | None]) -> Mapping[K, Exception]:
         """Write set-points [W], cleared ones (None) first; return failures."""
+
+    @abstractmethod
+    async def _disconnect(self) -> None:
+        """Close the connections."""
 
     @staticmethod
     def _raise(failures: Mapping[K, Exception]) -> None:

@@ -19,18 +19,24 @@ import math
 import os
 import re
 import ssl
-from collections.abc import Coroutine, Iterable, Mapping, Sequence
-from datetime import UTC, datetime
+from collections.abc import Coroutine, Iterable, Mapping
 from functools import partial
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import httpx
-import numpy as np
 
 from bess.edge.plant_io import calls
 from bess.edge.plant_io.address import Address
-from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, NotReached, Rounds, Stalled
-from bess.edge.plant_io.link import REFRESH_S, LinkError, Measurements, StringLink, number
+from bess.edge.plant_io.calls import CLOSING_TIME_S, NotReached, Rounds, Stalled
+from bess.edge.plant_io.link import (
+    REFRESH_S,
+    LinkError,
+    Measurements,
+    StringLink,
+    StringReadings,
+    measurements,
+    number,
+)
 from bess.errors import InputError
 from bess.files import parse_json
 
@@ -62,7 +68,6 @@ _MAX_ANSWER: Final = 8 * 2**20
 """Bytes; the answer of an edge with dozens of batteries has about 100 kB."""
 
 _Channels = dict[str, Any]
-T = TypeVar("T")
 
 
 class SharedWatchdog:
@@ -125,13 +130,11 @@ class Link(StringLink[str]):
                 f"plant {address.url}: ?ess= and ?meter= name {', '.join(named)}; expected {n_strings} "
                 "components, one for each string, and a meter if there is one, of letters and digits"
             )
-        self.n_strings = n_strings
+        super().__init__(address.strings, n_strings, place=address.url)
         self._url = address.url
-        self._strings: Sequence[str] = address.strings
         self._meter = address.meter
         user = address.user or os.environ.get(USER) or "x"  # the edge identifies users by password only
         password = address.password or os.environ.get(PASSWORD)
-        self._calls = Calls()
         self._rounds: Rounds[str, bytes] = Rounds(LinkError)
         self._at_once = CONNECTIONS
         self._new_client = partial(
@@ -165,27 +168,8 @@ class Link(StringLink[str]):
         if mute:
             raise LinkError(f"{self._url}: {', '.join(mute)} has no {_SET} or no Soc; name others with ?ess=")
         self._units_are_known = True
-        soc = np.array([number(s.get("Soc")) for s in strings]) / 100.0
-        power_kw = np.array([number(s.get("ActivePower")) for s in strings]) / 1000.0
-        charge_kw = np.array([_limit(s, "AllowedChargePower", -1.0) for s in strings]) / 1000.0
-        discharge_kw = np.array([_limit(s, "AllowedDischargePower", 1.0) for s in strings]) / 1000.0
-        known = np.isfinite(soc) & np.isfinite(power_kw) & ~np.isnan(charge_kw) & ~np.isnan(discharge_kw)
-        fit = np.array([s.get("State") != _FAULT and s.get("GridMode") not in _OFF_GRID for s in strings])
-        return Measurements(
-            time=datetime.now(UTC),
-            soc=soc,
-            temperature_c=np.array([_temperature_c(s) for s in strings]),
-            power_kw=power_kw,
-            charge_limit_kw=np.nan_to_num(charge_kw, nan=0.0, posinf=np.inf),
-            discharge_limit_kw=np.nan_to_num(discharge_kw, nan=0.0, posinf=np.inf),
-            available=known & fit,
-            plant_kw=number(components.get(self._meter, {}).get("ActivePower")) / 1000.0,
-            setpoint_kw=np.array([number(s.get(_SET)) for s in strings]) / 1000.0,
-            remarks=tuple(
-                "" if is_known else f"the edge reports no values of {name}, or not all"
-                for name, is_known in zip(self._strings, known, strict=True)
-            ),
-        )
+        plant_kw = number(components.get(self._meter, {}).get("ActivePower")) / 1000.0
+        return measurements(list(map(_readings, self._strings, strings)), plant_kw)
 
     def _may_write(self) -> None:
         """Read the units first; wait for a string whose set-point must expire (:class:`SharedWatchdog`)."""
@@ -201,19 +185,8 @@ class Link(StringLink[str]):
     def _may_hold(self, string: str) -> bool:
         return self._watchdog.may_hold(string)
 
-    def close(self) -> None:
-        """Close the connections."""
-        self._calls.close(self._client.aclose())
-
-    def _within(self, call: Coroutine[Any, Any, T], within_s: float) -> T:
-        """Return the result of a call with a deadline."""
-        try:
-            return self._calls(call, within_s)
-        except TimeoutError:
-            raise self._late() from None
-
-    def _late(self) -> LinkError:
-        return LinkError(f"{self._url}: no answer within {calls.DEADLINE_S:g} s")
+    async def _disconnect(self) -> None:
+        await self._client.aclose()
 
     def _set(self, power_w: Mapping[str, int | None]) -> dict[str, LinkError]:
         def post(name: str) -> Coroutine[Any, Any, bytes]:
@@ -311,6 +284,23 @@ def _refusal(status: int, answer: bytes) -> str:
     if status == httpx.codes.NOT_FOUND:
         return "there is no such channel (status 404)"
     return f"failed (status {status}); see the log of the edge"
+
+
+def _readings(name: str, string: _Channels) -> StringReadings:
+    soc, power_kw = number(string.get("Soc")) / 100.0, number(string.get("ActivePower")) / 1000.0
+    charge_kw = _limit(string, "AllowedChargePower", -1.0) / 1000.0
+    discharge_kw = _limit(string, "AllowedDischargePower", 1.0) / 1000.0
+    known = math.isfinite(soc + power_kw) and not math.isnan(charge_kw + discharge_kw)
+    return StringReadings(
+        soc,
+        _temperature_c(string),
+        power_kw,
+        0.0 if math.isnan(charge_kw) else charge_kw,
+        0.0 if math.isnan(discharge_kw) else discharge_kw,
+        number(string.get(_SET)) / 1000.0,
+        known and string.get("State") != _FAULT and string.get("GridMode") not in _OFF_GRID,
+        "" if known else f"the edge reports no values of {name}, or not all",
+    )
 
 
 def _limit(string: _Channels, channel: str, sign: float) -> float:

@@ -11,18 +11,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from dataclasses import fields
-from datetime import UTC, datetime
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 from urllib.parse import urlsplit
-
-import numpy as np
 
 from bess.edge.plant_io import calls
 from bess.edge.plant_io.address import PORTS, Address
-from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, Rounds
-from bess.edge.plant_io.link import REFRESH_S, LinkError, Measurements, StringLink
-from bess.edge.plant_io.sunspec_device import Device, DeviceReadings, Gateway, NoResponseError
+from bess.edge.plant_io.calls import CLOSING_TIME_S, Rounds
+from bess.edge.plant_io.link import (
+    REFRESH_S,
+    LinkError,
+    Measurements,
+    StringLink,
+    StringReadings,
+    measurements,
+)
+from bess.edge.plant_io.sunspec_device import Device, Gateway, NoResponseError
 from bess.errors import InputError
 
 HEARTBEAT_S: Final = 1.0
@@ -49,13 +52,11 @@ class Link(StringLink[Device]):
                 f"plant {address.url}: ?unit= names {', '.join(names)}; expected {n_strings} Modbus units, "
                 "one for each string, each 0 to 247, or 1@HOST:PORT if it is elsewhere"
             )
-        self.n_strings = n_strings
         gateways = {(host, port): Gateway(host, port) for host, port, _ in places}
         self._gateways = tuple(gateways.values())
-        self._strings = [Device(gateways[host, port], unit) for host, port, unit in places]
+        super().__init__([Device(gateways[host, port], unit) for host, port, unit in places], n_strings)
         self._heartbeat = 0
-        self._calls = Calls()
-        self._readings: Rounds[Device, DeviceReadings] = Rounds(NoResponseError)
+        self._readings: Rounds[Device, StringReadings] = Rounds(NoResponseError)
         self._writings: Rounds[Device, None] = Rounds(NoResponseError)
 
     @property
@@ -64,30 +65,12 @@ class Link(StringLink[Device]):
         return HEARTBEAT_S if any(device.may_watch_heartbeat for device in self._strings) else REFRESH_S
 
     def read(self) -> Measurements:
-        """Return the present measurements.
-
-        Raises
-        ------
-        LinkError
-            No device can be read.
-        """
-        said, silent = self._each(self._readings, self._strings, Device.measure)
-        if not said:
+        """Return the present measurements, if any device can be read."""
+        readings, silent = self._each(self._readings, self._strings, Device.measure)
+        if not readings:
             raise LinkError(f"no device can be read: {next(iter(silent.values()))}")
-        readings = [
-            said[device] if device in said else DeviceReadings(remarks=str(silent[device]))
-            for device in self._strings
-        ]
-        columns: dict[str, Any] = {
-            entry.name: np.array([getattr(each, entry.name) for each in readings])
-            for entry in fields(DeviceReadings)
-        }
-        remarks = tuple(columns.pop("remarks").tolist())
-        return Measurements(time=datetime.now(UTC), remarks=remarks, **columns)
-
-    def close(self) -> None:
-        """Close the connections."""
-        self._calls.close(self._disconnect())
+        readings |= {device: StringReadings(remarks=str(error)) for device, error in silent.items()}
+        return measurements([readings[device] for device in self._strings])
 
     async def _disconnect(self) -> None:
         for gateway in self._gateways:
@@ -123,10 +106,7 @@ class Link(StringLink[Device]):
                 raise LinkError(f"{device}: {error}") from error
 
         round_ = rounds(devices, named, lambda device: device.gateway.turn, first)
-        try:
-            done, failed = self._calls(round_, calls.DEADLINE_S + CLOSING_TIME_S)
-        except TimeoutError:
-            raise LinkError(f"no answer within {calls.DEADLINE_S:g} s") from None
+        done, failed = self._within(round_, calls.DEADLINE_S + CLOSING_TIME_S)
         late = f"is too slow: not done within {calls.DEADLINE_S:g} s"
         return done, {
             device: error

@@ -12,7 +12,6 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, Final
 
 from pymodbus.client import AsyncModbusTcpClient
@@ -20,7 +19,7 @@ from pymodbus.exceptions import ConnectionException, ModbusException
 from sunspec2.device import Model
 
 from bess.edge.plant_io import calls
-from bess.edge.plant_io.link import LinkError
+from bess.edge.plant_io.link import LinkError, StringReadings
 
 MARK: Final = (0x5375, 0x6E53)
 """``SunS``, at the first register."""
@@ -153,21 +152,6 @@ class _RefusedError(NoResponseError):
     """A device has no such register."""
 
 
-@dataclass(frozen=True)
-class DeviceReadings:
-    """Readings of a device; powers positive = discharge, NaN where it reports none."""
-
-    soc: float = math.nan
-    temperature_c: float = math.nan
-    power_kw: float = math.nan
-    charge_limit_kw: float = 0.0
-    discharge_limit_kw: float = 0.0
-    setpoint_kw: float = math.nan
-    available: bool = False
-    remarks: str = ""
-    """Reason for unavailability, if the device itself reports none."""
-
-
 class Gateway:
     """One Modbus/TCP address; reconnects after every failure, so that a late answer is never mismatched."""
 
@@ -247,7 +231,7 @@ class Device:
         """Whether its last set-point may not have been cleared or reverted."""
         return calls.CLOCK() < self._holds_until_s
 
-    async def measure(self) -> DeviceReadings:
+    async def measure(self) -> StringReadings:
         """Return the present readings."""
         known = await self._layout()
         models = {m: await self._model(m) for m in (701, 702, 704, 713, 802, 803) if m in known}
@@ -271,7 +255,7 @@ class Device:
         if not (math.isfinite(soc) and math.isfinite(power_kw)):
             remark = "the device reports no state of charge or no power"
         fit = in_service and not remark
-        return DeviceReadings(soc, temperature_c, power_kw, charge_kw, discharge_kw, setpoint_kw, fit, remark)
+        return StringReadings(soc, temperature_c, power_kw, charge_kw, discharge_kw, setpoint_kw, fit, remark)
 
     async def write(self, power_w: int | None, heartbeat: int) -> None:
         """Write a set-point that reverts by itself, or clear it (None); advance the controller's heartbeat.

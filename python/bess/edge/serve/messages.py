@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from typing import Annotated, Any, Final
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from bess.edge.plant_io import Measurements
+from bess.edge.plant_io.link import Measurements, StringReadings, measurements
 from bess.edge.serve.measurement_validator import MAX_READING_C, MIN_READING_C
 from bess.errors import InputError
 from bess.system import System
@@ -53,6 +52,12 @@ class StringMessage(Message):
         None,
         description="Measured power [kW], positive = discharge; shows whether the set-point is followed.",
     )
+
+    def readings(self) -> StringReadings:
+        """The measurements, without those that were not given."""
+        limit_kw = math.inf if self.limit_kw is None else self.limit_kw
+        given = self.model_dump(exclude={"limit_kw"}, exclude_none=True)
+        return StringReadings(charge_limit_kw=limit_kw, discharge_limit_kw=limit_kw, **given)
 
 
 class SplitMessage(Message):
@@ -124,19 +129,5 @@ def measurements_of(message: SplitMessage, system: System) -> Measurements:
                 f"strings[{i}].limit_kw = {string.limit_kw:g}: must be in [0, {nominal_kw:g}] kW, the power "
                 "of its inverter"
             )
-
-    def column(name: str, missing: float) -> Any:
-        values = (getattr(string, name) for string in strings)
-        return np.array([missing if value is None else value for value in values], dtype=np.float64)
-
-    limit = column("limit_kw", np.inf)
-    return Measurements(
-        time=datetime.now(UTC),
-        soc=column("soc", np.nan),
-        temperature_c=column("temperature_c", np.nan),
-        power_kw=column("power_kw", np.nan),
-        charge_limit_kw=limit,
-        discharge_limit_kw=limit,
-        available=np.array([string.available for string in strings]),
-        plant_kw=np.nan if message.plant_kw is None else message.plant_kw,
-    )
+    plant_kw = math.nan if message.plant_kw is None else message.plant_kw
+    return measurements([string.readings() for string in strings], plant_kw)
