@@ -15,7 +15,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -75,20 +75,23 @@ def measured(study: bess.Study) -> tuple[Score, bess.Result]:
     started = time.process_time()
     result = bess.run(study, progress=False)
     cpu_s = time.process_time() - started
-    kpis = result.kpis
-    made = Score(
+    return score_of(result.kpis, float(result.dataset["inverter_starts"].sum()), cpu_s), result
+
+
+def score_of(kpis: Mapping[str, float], starts: float, cpu_s: float) -> Score:
+    """Score of a run with these KPIs."""
+    return Score(
         asked_kwh=kpis["demand_kwh"] - kpis["unmet_kwh"],
         delivered_kwh=kpis["delivered_kwh"],
         undelivered_kwh=kpis["availability_loss_kwh"] + kpis["derating_loss_kwh"],
         inverter_kwh=kpis["inverter_loss_kwh"],
         battery_kwh=kpis["battery_loss_kwh"],
         availability_pct=kpis["availability_pct"],
-        starts=float(result.dataset["inverter_starts"].sum()),
+        starts=starts,
         peak_c=kpis["peak_string_temperature_c"],
         cpu_s=cpu_s,
         net_eur=kpis.get("net_eur"),
     )
-    return made, result
 
 
 def scenarios(only: Iterable[str] = ()) -> dict[str, bess.Study]:
@@ -99,7 +102,12 @@ def scenarios(only: Iterable[str] = ()) -> dict[str, bess.Study]:
     return {name: study for name, study in runs.items() if not only or name in only}
 
 
-def compete(study: bess.Study, policies: Iterable[str], values: Mapping[str, Any]) -> dict[str, Score]:
+def compete(
+    study: bess.Study,
+    policies: Iterable[str],
+    values: Mapping[str, Any],
+    score: Callable[[bess.Study], Score] = score,
+) -> dict[str, Score]:
     """Scores of all rules, and of ``policies`` with ``values`` set, in one scenario."""
     scores = {name: score(study.with_values({"policy.name": name})) for name in RULES}
     for name in policies:

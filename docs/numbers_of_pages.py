@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from types import ModuleType
@@ -74,9 +74,9 @@ Figures = dict[str, dict[str, float]]
 Runs = Mapping[str, bess.Result]
 
 
-def runs(name: str, folder: Path | None = None) -> Runs:
-    """Run one of the studies of the pages."""
-    study = {
+def study(name: str) -> bess.Study:
+    """One of the studies of the pages."""
+    return {
         "case1": lambda: bess.load_study("policies"),
         "case2": lambda: bess.load_study("case2"),
         "constant-resistance": lambda: bess.load_study("case2", CONSTANT_RESISTANCE),
@@ -84,8 +84,11 @@ def runs(name: str, folder: Path | None = None) -> Runs:
         "reactive": lambda: bess.load_study("reactive"),
         "differing-tight": lambda: bess.load_study("differing", {"demand.scale": 1.5}),
     }[name]()
-    out = None if folder is None else folder / name
-    return bess.run_scenarios(study, out=out, resume=out is not None, progress=False)
+
+
+def runs(name: str, folder: Path) -> Runs:
+    """Run one of the studies of the pages."""
+    return bess.run_scenarios(study(name), out=folder / name, resume=True, progress=False)
 
 
 STUDIES = ("case1", "case2", "constant-resistance", "differing", "differing-tight", "reactive")
@@ -100,8 +103,15 @@ def figures_of(results: Runs) -> Figures:
     }
 
 
-def m5bat(data: Path = M5BAT_DATA, policies: Sequence[str] = M5BAT_POLICIES) -> dict[str, Any] | None:
-    """What the example makes of the measured day; None where the data are not at hand."""
+def m5bat(
+    data: Path = M5BAT_DATA,
+    policies: Sequence[str] = M5BAT_POLICIES,
+    replay: Callable[[str, Any], Any] | None = None,
+) -> dict[str, Any] | None:
+    """What the example makes of the measured day; None where the data are not at hand.
+
+    ``replay`` gives the run of a policy in place of the example's function of this name.
+    """
     import pandas as pd
 
     if not (data / "bess" / "m5bat_2023-04-07_15min.parquet").exists():
@@ -110,7 +120,7 @@ def m5bat(data: Path = M5BAT_DATA, policies: Sequence[str] = M5BAT_POLICIES) -> 
     second = pd.read_parquet(data / "bess/m5bat_bess_battery_together_sample.parquet")
     day = pd.read_parquet(data / "bess/m5bat_2023-04-07_15min.parquet")
     demand_kw = day.M5BAT_P.to_numpy(dtype=np.float64)
-    replays = {name: example.replay(name, demand_kw) for name in policies}
+    replays = {name: (replay or example.replay)(name, demand_kw) for name in policies}
     samples = pd.read_parquet(data / "inverter/m5bat_inverter_steady_samples.parquet")
     readings = example.loss_readings(samples, second)
     losses = {

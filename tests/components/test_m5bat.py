@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import bess
+from m5bat_day import m5bat, replayed
+from once import Once
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data"
@@ -20,18 +20,7 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(scope="module")
-def m5bat() -> ModuleType:
-    sys.path.insert(0, str(ROOT / "examples"))
-    try:
-        import m5bat
-    finally:
-        sys.path.pop(0)
-    module: ModuleType = m5bat
-    return module
-
-
-def test_the_bundled_loss_line_meets_the_measured_medians_without_reactive_power(m5bat: ModuleType) -> None:
+def test_the_bundled_loss_line_meets_the_measured_medians_without_reactive_power() -> None:
     samples = pd.read_parquet(DATA / "inverter/m5bat_inverter_steady_samples.parquet")
     table = m5bat.steady_table(samples).loc["no Q"]
     error = (table.line_kw - table.measured_kw).abs()
@@ -51,9 +40,7 @@ def test_the_plant_loses_what_was_measured_with_reactive_power_alone() -> None:
     np.testing.assert_allclose(flows.inverter_loss_kw, alone.loss_kW.median(), atol=0.3)
 
 
-def test_a_line_over_apparent_power_reads_the_losses_that_one_over_active_power_misses(
-    m5bat: ModuleType,
-) -> None:
+def test_a_line_over_apparent_power_reads_the_losses_that_one_over_active_power_misses() -> None:
     samples = pd.read_parquet(DATA / "inverter/m5bat_inverter_steady_samples.parquet")
     second = pd.read_parquet(DATA / "bess/m5bat_bess_battery_together_sample.parquet")
     table = m5bat.loss_readings(samples, second)
@@ -66,14 +53,14 @@ def test_a_line_over_apparent_power_reads_the_losses_that_one_over_active_power_
         assert abs(apparent[unit] - measured) < 0.6 * abs(active[unit] - measured)
 
 
-def test_losses_of_both_measured_units_over_the_day_agree_with_the_line(m5bat: ModuleType) -> None:
+def test_losses_of_both_measured_units_over_the_day_agree_with_the_line() -> None:
     second = pd.read_parquet(DATA / "bess/m5bat_bess_battery_together_sample.parquet")
     for unit in ("batt1", "batt10"):
         day = m5bat.unit_day(second, unit)
         assert day["line_loss_kwh"] == pytest.approx(day["measured_loss_kwh"], rel=0.02)
 
 
-def test_the_bundled_table_is_the_fit_and_holds_where_it_was_not_fitted(m5bat: ModuleType) -> None:
+def test_the_bundled_table_is_the_fit_and_holds_where_it_was_not_fitted() -> None:
     second = pd.read_parquet(DATA / "bess/m5bat_bess_battery_together_sample.parquet")
     samples = pd.read_parquet(DATA / "inverter/m5bat_inverter_steady_samples.parquet")
     fit = m5bat.loss_fit(second, samples)
@@ -85,11 +72,9 @@ def test_the_bundled_table_is_the_fit_and_holds_where_it_was_not_fitted(m5bat: M
     assert max(map(abs, errors.values())) < 4.0, errors
 
 
-def test_the_day_is_delivered_by_an_equal_split_and_fewer_units_lose_less_in_inverters(
-    m5bat: ModuleType,
-) -> None:
+def test_the_day_is_delivered_by_an_equal_split_and_fewer_units_lose_less_in_inverters(once: Once) -> None:
     demand_kw = pd.read_parquet(DATA / "bess/m5bat_2023-04-07_15min.parquet").M5BAT_P.to_numpy(np.float64)
-    equal, priority = (m5bat.replay(name, demand_kw) for name in ("equal", "priority"))
+    equal, priority = (replayed(once, name, demand_kw) for name in ("equal", "priority"))
     np.testing.assert_allclose(equal.delivered_kw.sum(axis=1), demand_kw, atol=1e-6)
     assert priority.units_on.mean() < 2.0 < equal.units_on.mean()
     assert priority.inverter_loss_kw.sum() < 0.3 * equal.inverter_loss_kw.sum()
@@ -98,9 +83,9 @@ def test_the_day_is_delivered_by_an_equal_split_and_fewer_units_lose_less_in_inv
     assert missing_kw[:, 1:].max() < 1e-6 < missing_kw[:, 0].max(), "unit 1 alone is too hot"
 
 
-def test_the_optimiser_delivers_the_day_at_a_third_of_the_loss_of_an_equal_split(m5bat: ModuleType) -> None:
+def test_the_optimiser_delivers_the_day_at_a_third_of_the_loss_of_an_equal_split(once: Once) -> None:
     demand_kw = pd.read_parquet(DATA / "bess/m5bat_2023-04-07_15min.parquet").M5BAT_P.to_numpy(np.float64)
-    equal, mpc = (m5bat.replay(name, demand_kw) for name in ("equal", "mpc"))
+    equal, mpc = (replayed(once, name, demand_kw) for name in ("equal", "mpc"))
     np.testing.assert_allclose(mpc.delivered_kw.sum(axis=1), demand_kw, atol=1e-6)
     assert mpc.fallbacks == 0
     assert 3 <= mpc.units_on.max() <= 4, "losses rise steeply above 252 kVA"

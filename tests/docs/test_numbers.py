@@ -8,6 +8,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
 import numbers_of_pages as numbers
+
+from bess.study import expand
+from m5bat_day import replayed
+from once import Once
 
 pytestmark = pytest.mark.golden
 
@@ -44,14 +49,15 @@ def differences(stored: Mapping[str, Any], measured: Mapping[str, Any]) -> list[
 
 
 @pytest.mark.parametrize("name", numbers.STUDIES)
-def test_numbers_of_a_study_are_those_the_code_gives(name: str) -> None:
-    measured = numbers.figures_of(numbers.runs(name))
+def test_numbers_of_a_study_are_those_the_code_gives(name: str, once: Once) -> None:
+    runs = {key: once.simulated(study) for key, study in expand(numbers.study(name)).items()}
+    measured = numbers.figures_of(runs)
     changed = differences(numbers.stored()[name], measured)
     assert not changed, "run `make cases`:\n" + "\n".join(changed)
 
 
-def test_numbers_of_the_measured_plant_are_those_the_code_gives() -> None:
-    measured = numbers.m5bat()
+def test_numbers_of_the_measured_plant_are_those_the_code_gives(once: Once) -> None:
+    measured = numbers.m5bat(replay=partial(replayed, once))
     if measured is None:
         pytest.skip("the measured day is not beside the repository (../shared/data)")
     changed = differences(numbers.stored()["m5bat"], measured)

@@ -188,6 +188,13 @@ def test_the_numbers_of_the_first_screen_are_those_of_the_record(tmp_path: Path)
         assert f"{word}: {said(given)} of {said(asked)} demand, {100 * given / asked:.1f} %." in text
 
 
+@pytest.fixture
+def comparison_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write the page that compares runs, without a page of each."""
+    monkeypatch.setattr("bess.report.page._run_page", lambda *_, **__: None)
+
+
+@pytest.mark.usefixtures("comparison_alone")
 def test_a_sweep_begins_with_its_knee_and_the_points_worth_a_look(tmp_path: Path) -> None:
     head = ["name", "status", "error", "policy.objectives.inverter", *BASE]
     points = {"a": (0.0, 96.0, 99.0, 30.0), "b": (0.4, 97.9, 98.9, 35.0), "c": (1.0, 98.0, 97.0, 50.0)}
@@ -211,6 +218,7 @@ def test_a_sweep_begins_with_its_knee_and_the_points_worth_a_look(tmp_path: Path
         assert (first, last) == (f"{weight:g}", f"{peak:.1f}"), why
 
 
+@pytest.mark.usefixtures("comparison_alone")
 def test_a_scenario_that_leaves_demand_unmet_is_not_recommended(tmp_path: Path) -> None:
     """The smallest inverters lose least, because they serve least."""
     columns = [*dict.fromkeys([*BASE, "lost_kwh", "unmet_kwh"])]
