@@ -317,7 +317,7 @@ pub(crate) fn split(
                         room_now_kw = room_now_kw - top_kw[shedder];
                     }
                 }
-                if possible && room_now_kw + t.tolerance * plant_kw >= rest_kw {
+                if possible && room_now_kw + t.crumbs * plant_kw >= rest_kw {
                     let mut cost: f64 = 0.0;
                     for m in 0..t.strings + 1 {
                         u_kw[m] = 0.0;
@@ -405,7 +405,7 @@ pub(crate) fn split(
             largest = m;
         }
     }
-    if missing_kw > t.tolerance * plant_kw && free_kw > 0.0 {
+    if missing_kw > t.crumbs * plant_kw && free_kw > 0.0 {
         for m in 0..t.strings {
             request_kw[m] += missing_kw / free_kw * (limit_kw[m] - request_kw[m]);
         }

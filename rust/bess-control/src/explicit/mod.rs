@@ -66,7 +66,7 @@ macro_rules! tables {
 tables! {
     /// Constants of the control law; `bess.control.explicit.Tables` documents the fields.
     counts: strings, soc_knots, temperature_knots, derating_knots, power_knots, heat_knots, low_knots, steps, near_steps;
-    numbers: step_h, step_share, near_share, shortfall, high_fill, min_power_kw, flattest, shed_slope, tolerance, unbounded;
+    numbers: step_h, step_share, near_share, shortfall, high_fill, min_power_kw, flattest, shed_slope, crumbs, unbounded;
     arrays of t: soc_axis[t.soc_knots], temperature_axis[t.temperature_knots], ocv_v[t.cells()], resistance_ohm[t.cells()],
         derating_c[t.strings * t.derating_knots], derating_factor[t.strings * t.derating_knots],
         power_kw[t.strings * t.power_knots], loss_kw[2 * t.strings * t.power_knots], idle_loss_kw[t.strings],
