@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+import bess
+
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
 import numbers_of_pages as numbers
@@ -68,6 +70,29 @@ def test_tables_and_phrases_are_made_of_the_stored_numbers() -> None:
     for name, text in numbers.tables(numbers.stored()).items():
         written = (numbers.TABLES / name).read_text(encoding="utf-8")
         assert written == text, f"{name}: run `make cases`"
+
+
+def test_the_page_on_differing_strings_quotes_what_announced_events_save() -> None:
+    page = " ".join((DOCS / "howto/differing-strings.md").read_text(encoding="utf-8").split())
+    given, stored = bess.load_study("differing").event, numbers.stored()
+    events = [{**event.model_dump(exclude_none=True), "announced": True} for event in given]
+    own: dict[str, Any] = {"scenario": [], "policy.name": "mpc", "event": events}
+    for name, values, words in (
+        (
+            "differing",
+            {},
+            r"loses ([\d.]+) kWh \(([\d.]+) unannounced\) with (\d+) .* starts instead of (\d+),",
+        ),
+        ("differing-tight", {"demand.scale": 1.5}, r"`demand.scale=1.5` ([\d.]+) kWh \(([\d.]+)\)"),
+    ):
+        study = bess.load_study("differing", own | values)
+        announced, unannounced = bess.run(study, progress=False).kpis, stored[name]["mpc"]
+        quoted = re.search(words, page)
+        assert quoted is not None
+        figures = [announced["lost_kwh"], unannounced["lost_kwh"]]
+        figures += [4.0 * kpis["inverter_starts_mean"] for kpis in (announced, unannounced)]
+        for text, figure in zip(quoted.groups(), figures, strict=False):
+            assert float(text) == pytest.approx(figure, rel=RELATIVE, abs=0.06)
 
 
 def test_pages_ask_for_phrases_that_there_are_and_use_all_of_them() -> None:
