@@ -139,7 +139,7 @@ FLOWS = tuple(
 _TIME = "start of the step (UTC)"
 
 
-def dataset_of(frame: Mapping[str, Any], records: Iterable[tuple[int, Record]]) -> xr.Dataset:
+def dataset_of(frame: Mapping[str, Any], records: Iterator[tuple[int, Record]]) -> xr.Dataset:
     """Return ``records`` in memory, equal to the file of :func:`write_netcdf`."""
     import xarray as xr
 

@@ -17,7 +17,7 @@ from bess.optional_dependencies import extra
 from bess.simulation.record.dataset import dataset_of
 from bess.simulation.record.files import check_file
 from bess.simulation.record.provenance import IDENTITY, read_identity
-from bess.simulation.record.store import records
+from bess.simulation.record.store import parts, read_record, records
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -111,11 +111,12 @@ def open_result(directory: str | Path) -> xr.Dataset:
         others = f"several runs; open one of {', '.join(names[:8])}{', ...' * (len(names) > 8)}"
         held = f"holds {others if names else 'no run'}" if directory.is_dir() else "no such folder"
         raise InputError(f"{directory}: {held}")
-    saved = list(records(directory))
+    saved = parts(directory)
     if not saved:
         raise InputError(f"{directory}: nothing has been saved yet; continue the run with resume")
-    last, record = saved[-1]
-    return dataset_of(identity["frame"] | {"n_steps": last + len(record["demand_kw"])}, saved)
+    n_last = len(read_record(saved[-1])["demand_kw"])
+    frame = identity["frame"] | {"n_steps": int(saved[-1].stem) + n_last}
+    return dataset_of(frame, records(directory))
 
 
 def scenario_directories(directory: str | Path) -> dict[str, Path]:
