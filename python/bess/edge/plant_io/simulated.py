@@ -109,9 +109,8 @@ class SimulatedPlant:
         self._lock = threading.RLock()
         self._plant = Plant(system, system.initial_state(), plant_step_s=PLANT_STEP_S)
         self._trial = Plant(system, system.initial_state(), plant_step_s=PLANT_STEP_S)
-        self._setpoint_kw = np.zeros(system.n_strings)
-        self._driven = np.zeros(system.n_strings, dtype=np.bool_)
-        self._lapses_at = np.full(system.n_strings, np.inf)
+        # Set-point [kW] and expiry time of each string that has one.
+        self._held: dict[int, tuple[float, float]] = {}
         self._cells_c = np.tile(system.initial_state().temperature_c, (2, 1))
         self._clock_s = clock()
         self._said: dict[int, Reading] = {}
@@ -125,34 +124,29 @@ class SimulatedPlant:
         """Give a string a set-point [kW] that expires at the clock time ``lapses_at``."""
         with self._lock:
             self._advance()
-            if string in self.faults.severed:
-                return
-            nominal = self.system.nominal_kw[string]
-            self._setpoint_kw[string] = np.clip(power_kw, -nominal, nominal)
-            self._lapses_at[string] = lapses_at
-            self._driven[string] = True
+            if string not in self.faults.severed:
+                nominal = self.system.nominal_kw[string]
+                self._held[string] = float(np.clip(power_kw, -nominal, nominal)), lapses_at
 
     def take_back(self, string: int) -> None:
         """Clear the set-point of a string, which then delivers no power."""
         with self._lock:
             self._advance()
             if string not in self.faults.severed:
-                self._rest(string)
+                self._held.pop(string, None)
 
     def prolong(self, lapses_at: float) -> None:
         """Extend all set-points that have not expired until ``lapses_at``."""
         with self._lock:
             self._advance()
-            prolonged = self._driven.copy()
-            prolonged[list(self.faults.severed)] = False
-            self._lapses_at[prolonged] = lapses_at
+            for string in self._held.keys() - self.faults.severed:
+                self._held[string] = self._held[string][0], lapses_at
 
     def holds(self, string: int) -> tuple[float, float] | None:
         """Return the set-point [kW] and its expiry time; None if the string has none."""
         with self._lock:
             self._advance()
-            held = float(self._setpoint_kw[string]), float(self._lapses_at[string])
-            return held if self._driven[string] else None
+            return self._held.get(string)
 
     def readings(self) -> dict[int, Reading]:
         """Return the reported readings of each string, except silent ones."""
@@ -175,30 +169,22 @@ class SimulatedPlant:
         """Return true readings, ignoring faults of the measurements."""
         with self._lock:
             self._advance()
-            soc, (coldest_c, hottest_c) = self._plant.state.soc, self._cells_c
-            nominal_kw = self.system.nominal_kw
+            nominal_kw, dead = self.system.nominal_kw, self.faults.dead
+            most_kw = -self._would_deliver(-nominal_kw), self._would_deliver(nominal_kw)
+            limits_kw = np.maximum(most_kw, 0.0)
+            limits_kw[:, list(dead)] = 0.0
             power_kw = self._would_deliver(self._request_kw())
-            charge_kw, discharge_kw = -self._would_deliver(-nominal_kw), self._would_deliver(nominal_kw)
-            readings = [
-                Reading(
-                    soc=float(soc[i]),
-                    coldest_c=float(coldest_c[i]),
-                    hottest_c=float(hottest_c[i]),
-                    power_kw=float(power_kw[i]),
-                    charge_limit_kw=max(float(charge_kw[i]), 0.0),
-                    discharge_limit_kw=max(float(discharge_kw[i]), 0.0),
-                    fault=False,
-                    beat=int(self.clock()),
-                )
-                for i in range(self.n_strings)
+            rows = np.vstack([self._plant.state.soc, self._cells_c, power_kw, limits_kw]).T.tolist()
+            beat = int(self.clock())
+            return [
+                Reading(soc, coldest_c, hottest_c, kw, charge_kw, discharge_kw, i in dead, beat)
+                for i, (soc, coldest_c, hottest_c, kw, charge_kw, discharge_kw) in enumerate(rows)
             ]
-            for i in self.faults.dead:
-                readings[i] = replace(readings[i], charge_limit_kw=0.0, discharge_limit_kw=0.0, fault=True)
-            return readings
 
     def _request_kw(self) -> NDArray[np.float64]:
-        request = self._setpoint_kw.copy()
-        request[[*self.faults.dead, *self.faults.deaf]] = 0.0
+        request, stopped = np.zeros(self.n_strings), self.faults.dead | self.faults.deaf
+        for string in self._held.keys() - stopped:
+            request[string] = self._held[string][0]
         return request
 
     def _would_deliver(self, request_kw: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -210,16 +196,11 @@ class SimulatedPlant:
         """Advance to the present time, in parts between which set-points expire."""
         now = self.clock()
         while True:
-            lapse = float(self._lapses_at.min())
+            lapse = min((lapses_at for _, lapses_at in self._held.values()), default=np.inf)
             self._run_until(min(now, lapse))
             if lapse > now:
                 return
-            self._rest(self._lapses_at <= lapse)
-
-    def _rest(self, strings: int | NDArray[np.bool_]) -> None:
-        self._driven[strings] = False
-        self._setpoint_kw[strings] = 0.0
-        self._lapses_at[strings] = np.inf
+            self._held = {string: held for string, held in self._held.items() if held[1] > lapse}
 
     def _run_until(self, clock_s: float) -> None:
         whole_s = PLANT_STEP_S * np.floor(self._speed * (clock_s - self._clock_s) / PLANT_STEP_S)
