@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+
+if TYPE_CHECKING:
+    from bess.study import Study
 
 app = typer.Typer(
     name="bess",
@@ -15,23 +18,23 @@ app = typer.Typer(
 )
 
 
-def _names_of_studies(begun: str) -> list[str]:
-    """Return bundled studies for shell completion of a study name."""
+# Words for shell completion, of which typer offers those that continue the typed text.
+def _names_of_studies() -> list[str]:
     from bess.study import bundled_studies
 
-    return [name for name in bundled_studies() if name.startswith(begun)]
+    return list(bundled_studies())
 
 
-def _keys_of_studies(begun: str) -> list[str]:
+def _keys_of_studies() -> list[str]:
     from bess.study.reference import keys
 
-    return sorted({each.key for each in keys("study") if each.key.startswith(begun) and "*" not in each.key})
+    return sorted({each.key for each in keys("study") if "*" not in each.key})
 
 
-def _kinds_of_list(begun: str) -> list[str]:
+def _kinds_of_list() -> list[str]:
     from bess.cli.studies import KINDS
 
-    return [kind for kind in KINDS if kind.startswith(begun)]
+    return list(KINDS)
 
 
 StudyName = Annotated[
@@ -84,9 +87,8 @@ def run(
     from bess.cli.records import kpi_table
     from bess.simulation.runner import run
     from bess.simulation.sweep import run_scenarios
-    from bess.study import load_study
 
-    loaded = load_study(study, _values(days, assignments))
+    loaded = _study(study, days, assignments)
     folder = _folder(out, loaded.name, resume)
     if loaded.scenario or loaded.sweep:
         results = run_scenarios(loaded, out=folder, resume=resume)
@@ -112,9 +114,8 @@ def sweep(
     """Run all scenarios and sweep points of a study in parallel on Dask; skip finished runs."""
     from bess.errors import BessError, by_reason
     from bess.simulation.sweep import run_sweep
-    from bess.study import load_study
 
-    loaded = load_study(study, _values(days, assignments))
+    loaded = _study(study, days, assignments)
     folder = out or Path("results") / loaded.name
     done = run_sweep(loaded, folder, workers=workers, scheduler=scheduler)
     failed = done.failed
@@ -186,12 +187,11 @@ def serve(
 ) -> None:
     """Run the controller of a study as an HTTP service, or control a plant directly."""
     from bess.optional_dependencies import extra
-    from bess.study import load_study
 
     with extra("plant", "bess serve"):
         from bess.edge.serve.run import serve
 
-    loaded = load_study(study, _values(None, assignments))
+    loaded = _study(study, None, assignments)
     serve(
         loaded,
         host=host,
@@ -260,9 +260,8 @@ def demo_plant(
 ) -> None:
     """Simulate a plant with a network interface, for tests of bess serve."""
     from bess.cli.demo import demo_plant, serve_demo
-    from bess.study import load_study
 
-    loaded = load_study(study)
+    loaded = _study(study)
     if serve:
         serve_demo(loaded, kind, port, speed, _folder(None, f"{loaded.name}-demo", False))
     else:
@@ -304,10 +303,9 @@ def distil(
 ) -> None:
     """Train a solver-free controller for a study: policy.json, C99, structured text and a report."""
     from bess.edge.distil import GENERATIONS, distil_runs
-    from bess.study import load_study
 
     effort = GENERATIONS if generations is None else generations
-    for folder in distil_runs(load_study(study, _values(days, assignments)), out, generations=effort):
+    for folder in distil_runs(_study(study, days, assignments), out, generations=effort):
         print(
             f"{folder}: policy.json (policy.name=distilled, policy.file={folder / 'policy.json'}), split.c, "
             f"split.h, split.st; {folder / 'report.md'} compares its losses"
@@ -318,9 +316,8 @@ def distil(
 def check(study: StudyName, days: Days = None, assignments: Assignments = None) -> None:
     """Validate a study and its data without running it."""
     from bess.cli.studies import findings
-    from bess.study import load_study
 
-    for line in findings(load_study(study, _values(days, assignments))):
+    for line in findings(_study(study, days, assignments)):
         print(line)
 
 
@@ -341,11 +338,13 @@ def list_(
     print(listing(words or []))
 
 
-def _values(days: float | None, assignments: list[str] | None) -> dict[str, Any]:
+def _study(name: str, days: float | None = None, assignments: list[str] | None = None) -> Study:
+    """Load a study with the values of ``--set`` and ``--days``."""
+    from bess.study import load_study
     from bess.study.keys import parse_assignment
 
-    values = dict(parse_assignment(text) for text in assignments or [])
-    return values if days is None else {**values, "run.days": days}
+    values: dict[str, Any] = dict(parse_assignment(text) for text in assignments or [])
+    return load_study(name, values if days is None else {**values, "run.days": days})
 
 
 def _folder(out: Path | None, name: str, resume: bool) -> Path:
