@@ -48,13 +48,7 @@ class Calls:
         self._thread.start()
 
     def __call__(self, call: Coroutine[Any, Any, T], within_s: float) -> T:
-        """Return the result of a coroutine.
-
-        Raises
-        ------
-        TimeoutError
-            It has not ended in time and is cancelled.
-        """
+        """Return the result of a coroutine; one that has not ended in time is cancelled (TimeoutError)."""
         future = asyncio.run_coroutine_threadsafe(asyncio.wait_for(call, within_s), self._loop)
         try:
             return future.result(within_s + CLOSING_TIME_S)
@@ -164,11 +158,8 @@ class Aside:
     def __call__(self, call: Callable[[], T]) -> T:
         """Return the result of a call, or raise its exception.
 
-        Raises
-        ------
-        TimeoutError
-            The call has not ended within :data:`DISK_DELAY_S` and continues; or an earlier call has not ended
-            and this call was not started.
+        It is a TimeoutError if the call has not ended within :data:`DISK_DELAY_S` and continues, or if an
+        earlier call has not ended and this one was not started.
         """
         if self.busy_s > 0.0:
             raise TimeoutError

@@ -116,24 +116,14 @@ def modelled_losses(binned: xr.Dataset, system: System) -> Losses | None:
 def _figures(binned: xr.Dataset) -> Iterator[FigureSpec]:
     time = TimeAxis(binned)
     time.daily = False  # the bins are few already, and a gap would hide its whole day
+    plant = "Demand, actual power of the plant, and the sum of the computed set-points."
+    yield FigureSpec("plant", "The plant", plant, partial(_plant, binned, time))
+    split = "Actual power of each string, its computed set-point, and the difference."
     yield FigureSpec(
-        "plant",
-        "The plant",
-        "Demand, actual power of the plant, and the sum of the computed set-points.",
-        partial(_plant, binned, time),
+        "split", "The strings: actual power and set-points", split, partial(_split, binned, time)
     )
-    yield FigureSpec(
-        "split",
-        "The strings: actual power and set-points",
-        "Actual power of each string, its computed set-point, and the difference.",
-        partial(_split, binned, time),
-    )
-    yield FigureSpec(
-        "state",
-        "State of the strings",
-        "Measured state of charge and temperature; gaps without readings.",
-        partial(_state, binned, time),
-    )
+    state = "Measured state of charge and temperature; gaps without readings."
+    yield FigureSpec("state", "State of the strings", state, partial(_state, binned, time))
 
 
 def _plant(binned: xr.Dataset, time: TimeAxis) -> Chart:

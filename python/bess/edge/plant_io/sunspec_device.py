@@ -62,13 +62,7 @@ def value(model: Any, name: str) -> float:
 
 
 def scale(model: Any, name: str) -> int:
-    """Return the scale factor of a point, an exponent of ten.
-
-    Raises
-    ------
-    LinkError
-        The device gives no valid scale factor.
-    """
+    """Return the scale factor of a point, an exponent of ten; raise LinkError if it is not valid."""
     point = model.points[name]
     if not point.sf_required:
         return 0

@@ -1,17 +1,34 @@
-"""The answer of one control step: set-points, status and reasons."""
+"""The answer of one control step to a request: set-points, status and reasons."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from bess.arrays import Array, Flags
+from bess.edge.plant_io import Measurements
 from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW, PowerCapability
 from bess.edge.serve.measurement_validator import ValidState
 from bess.system import System
+
+
+@dataclass(frozen=True)
+class ControlRequest:
+    """Input of one control step, and when it was received [s of the monotonic clock]."""
+
+    measured: Measurements
+    demand_kw: float
+    forecast_kw: list[float] | None
+    received_s: float = field(default_factory=time.monotonic)
+
+    @property
+    def measured_kw(self) -> float:
+        """Power of all strings; NaN if that of one is unknown."""
+        return float(self.measured.power_kw.sum())
 
 
 @dataclass(frozen=True)

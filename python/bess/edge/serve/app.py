@@ -36,18 +36,9 @@ class Refusal(BaseModel):
 def build_app(
     service: Service, token: str | None = None, loop: ControlLoop | None = None, names: Names = LOCAL
 ) -> FastAPI:
-    """Return the application.
+    """Return the application; ``loop`` is None if clients send the measurements.
 
-    Parameters
-    ----------
-    service
-        Computes the answers.
-    token
-        Required for every route except ``/v1/health``; None permits all clients.
-    loop
-        Of the plant that this service controls or observes; None if clients send the measurements.
-    names
-        Host names of the service.
+    Every route except ``/v1/health`` requires the ``token``; None permits all clients.
     """
     app = FastAPI(
         title="bess serve",

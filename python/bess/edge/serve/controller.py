@@ -46,15 +46,8 @@ MAX_OUTAGE_S: Final = 366 * 86_400.0
 class Controller(Checkpointed):
     """The controller of one plant; called from one thread at a time.
 
-    Parameters
-    ----------
-    system, service
-        Parameters of the plant, and settings.
-    policy
-        Any policy of the closed loop; it plans ``plan_steps`` ahead.
-    background
-        Plan in separate threads. Without them, for simulations, a call waits for its plan and is reproducible
-        to the last bit.
+    Any policy of the closed loop plans ``plan_steps`` ahead, in separate threads. Without ``background``, for
+    simulations, a call waits for its plan and is reproducible to the last bit.
 
     Attributes
     ----------
@@ -118,14 +111,10 @@ class Controller(Checkpointed):
         forecast_kw: Sequence[float] | Array | None = None,
         wait_s: float = 0.0,
     ) -> Answer:
-        """Decide for the control step that begins.
+        """Decide for the control step that begins, in which the demand is ``demand_kw``.
 
         Parameters
         ----------
-        measured
-            Present measurements.
-        demand_kw
-            Present demand, finite.
         now_s
             Time of a clock that never goes back; the plan's steps begin at its multiples.
         forecast_kw : array_like, shape (n,), optional

@@ -94,14 +94,8 @@ class MeasurementValidator(Checkpointed):
     ) -> ValidState:
         """Validate new measurements.
 
-        Parameters
-        ----------
-        measured
-            Present measurements.
-        asked_kw : ndarray, shape (n_strings,)
-            Set-points in force since the last call, ``elapsed_s`` ago.
-        drives
-            Whether those set-points reached the plant; otherwise ``asked_kw`` is the power of the plant.
+        ``asked_kw`` are the set-points in force since the last call, ``elapsed_s`` ago. If they did not reach
+        the plant (``drives``), it is the power of the plant.
         """
         soh_capacity = self._ageing.soh_capacity
         energy_kwh = self._system.nominal_energy_kwh * soh_capacity
@@ -253,21 +247,20 @@ class _StringMonitor(Checkpointed):
             return self._still_out(moves, soc, elapsed_s)
         stood = f"its state of charge has been constant at {100.0 * soc:.4g} %"
         if self._is_frozen(soc, abs(expected)):
-            self.out_until_s, self.stands = self._service.retry_after_s, "soc"
-            return self._take_out(f"{stood} for {self.unchanged} readings while it carried power", 0.0)
+            self.stands, sentence = "soc", f"{stood} for {self.unchanged} readings while it carried power"
+            return self._take_out(sentence, self._service.retry_after_s)
         self.last_reading = soc
         if drives and (sentence := self._other_writer(power, held_kw, asked_kw)):
-            self.other, self.out_until_s = True, self._next_try_s()
-            self._take_out(sentence, 0.0)
+            self.other = True
+            self._take_out(sentence, self._next_try_s())
             return sentence, True
         if np.isfinite(power) and (sentence := self._does_not_follow(power, asked_kw)):
             if same_power and power != 0.0 and self.unchanged >= NOT_FOLLOWING:
                 # It may follow; its reported values are frozen.
-                self.out_until_s, self.stands = self._service.retry_after_s, "all"
-                return self._take_out(f"{stood} and its power at {power:.4g} kW, for any set-point", 0.0)
-            self.out_until_s = self._next_try_s()
+                self.stands, sentence = "all", f"{stood} and its power at {power:.4g} kW, for any set-point"
+                return self._take_out(sentence, self._service.retry_after_s)
             same_way = power * asked_kw > 0.0 and abs(power) < abs(asked_kw)
-            return self._take_out(sentence, abs(power) if same_way else 0.0)
+            return self._take_out(sentence, self._next_try_s(), abs(power) if same_way else 0.0)
         return doubt, False
 
     def _unusable(
@@ -379,8 +372,9 @@ class _StringMonitor(Checkpointed):
         self.tries += 1
         return min(soon_s, self._service.retry_after_s)
 
-    def _take_out(self, sentence: str, cap_kw: float) -> tuple[str, bool]:
-        self.out_reason, self.out_s, self.cap_kw, self.off_target = sentence, 0.0, cap_kw, 0
+    def _take_out(self, sentence: str, until_s: float, cap_kw: float = 0.0) -> tuple[str, bool]:
+        self.out_reason, self.out_s, self.out_until_s = sentence, 0.0, until_s
+        self.cap_kw, self.off_target = cap_kw, 0
         return self._finding()
 
     def _still_out(self, moves: bool, soc: float, elapsed_s: float) -> tuple[str, bool]:

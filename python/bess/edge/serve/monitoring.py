@@ -11,7 +11,7 @@ import numpy as np
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
 from bess.arrays import Array
-from bess.edge.serve.answer import Answer
+from bess.edge.serve.answer import Answer, ControlRequest
 from bess.edge.serve.controller import Controller
 
 _OF_STRINGS: Final[Mapping[str, tuple[str, Callable[[Controller, Answer], Any]]]] = {
@@ -68,23 +68,21 @@ class Metrics:
         self.cycle_period = gauge("bess_cycle_period_seconds", "Time from one control cycle to the next.")
         self.link_errors = counter("bess_link_errors", "Failed reads and writes of the plant.")
 
-    def text(self, last: tuple[float, float, Answer] | None, controller: Controller) -> bytes:
+    def text(self, last: tuple[float, ControlRequest, Answer] | None, controller: Controller) -> bytes:
         """All metrics in the text format of Prometheus, with gauges of the last answer, if any."""
-        if last is not None:
-            self._update(*last, controller)
-        return generate_latest(self.registry)
-
-    def _update(self, at_s: float, demand_kw: float, answer: Answer, controller: Controller) -> None:
-        self._demand.set(demand_kw)
+        if last is None:
+            return generate_latest(self.registry)
+        at_s, request, answer = last
+        self._demand.set(request.demand_kw)
         self._unmet.set(answer.unmet_kw)
-        plan = controller.plan.current
+        plan, planned = controller.plan.current, controller.calibration.planned
         self._plan_age.set(-1 if plan is None else controller.plan.slot(at_s) - plan.slot)
-        planned = controller.calibration.planned
         self._cost.set(np.nan if planned is None else planned[2])
         for metric, values_of in self._strings:
             values = values_of(controller, answer)
             for i, value in enumerate(() if values is None else values):
                 metric.labels(str(i)).set(value)
+        return generate_latest(self.registry)
 
 
 class History:

@@ -108,7 +108,7 @@ def _last(service: Service) -> dict[str, Any] | None:
     controller, valid, plan = service.controller, service.controller.valid, service.controller.plan
     if service.last is None or valid is None:
         return None
-    at_s, demand_kw, answer = service.last
+    at_s, request, answer = service.last
     in_service, state = answer.in_service, valid.state
 
     def left_kwh(discharge: bool) -> float:
@@ -119,8 +119,8 @@ def _last(service: Service) -> dict[str, Any] | None:
     return {
         **{name: said[name] for name in _SHOWN},
         "time_s": at_s,
-        "demand_kw": demand_kw,
-        "measured_kw": None if np.isnan(service.measured_kw) else service.measured_kw,
+        "demand_kw": request.demand_kw,
+        "measured_kw": None if np.isnan(request.measured_kw) else request.measured_kw,
         "because": grouped(answer.reasons, in_service),
         "soc": state.soc.tolist(),
         "temperature_c": state.temperature_c.tolist(),
@@ -132,7 +132,7 @@ def _last(service: Service) -> dict[str, Any] | None:
         "ahead_kw": controller.ahead_kw.tolist(),
         "ahead_step_s": plan.step_s,
         "ahead_start_s": plan.slot(at_s) * plan.step_s,
-        "ahead_told": service.told_ahead,
+        "ahead_told": request.forecast_kw is not None,
         "gap": None if plan.current is None else plan.current.gap,
     }
 
@@ -140,10 +140,7 @@ def _last(service: Service) -> dict[str, Any] | None:
 def grouped(sentences: Sequence[str], in_service: Flags) -> list[dict[str, Any]]:
     """Group strings by reason: strings out of service first, then the rarest reason.
 
-    Returns
-    -------
-    list of dict
-        ``text``, with the range of a number that differs; ``strings``, their numbers; ``in_service``.
+    A group has its ``text``, with the range of a number that differs, its ``strings``, and ``in_service``.
     """
     groups: dict[tuple[str, ...], dict[int, list[str]]] = {}
     for i, sentence in enumerate(sentences):

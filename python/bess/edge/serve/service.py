@@ -7,7 +7,6 @@ import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +14,7 @@ import numpy as np
 
 from bess.control.policies import build_policy
 from bess.edge.plant_io import Measurements
-from bess.edge.serve.answer import Answer
+from bess.edge.serve.answer import Answer, ControlRequest
 from bess.edge.serve.controller import Controller
 from bess.edge.serve.monitoring import History, Metrics
 from bess.edge.serve.state_store import StateStore
@@ -52,16 +51,6 @@ def build_controller(study: Study, *, background: bool = True) -> tuple[Controll
     return controller, notes
 
 
-@dataclass(frozen=True)
-class ControlRequest:
-    """Input of one control step, and when it was received [s of the monotonic clock]."""
-
-    measured: Measurements
-    demand_kw: float
-    forecast_kw: list[float] | None
-    received_s: float = field(default_factory=time.monotonic)
-
-
 class Service:
     """The controller behind the HTTP routes and the control loop; one thread does all work on it.
 
@@ -78,8 +67,7 @@ class Service:
         self.notes.append(self.memory.load(self.controller, self.clock()))
         self.history = History()
         self.metrics = Metrics()
-        self.last: tuple[float, float, Answer] | None = None
-        self.told_ahead, self.measured_kw = False, np.nan
+        self.last: tuple[float, ControlRequest, Answer] | None = None
         self._foreseen_kw: dict[int, float] = {}
         self._worker = ThreadPoolExecutor(1, "controller")
 
@@ -184,21 +172,19 @@ class Service:
         controller = self.controller
         self.memory.save(controller)
         self.metrics.state_errors.set(bool(self.memory.error))
-        self.measured_kw = float(request.measured.power_kw.sum())
         if controller.valid is not None:
             state = controller.valid.state
             plant = {
                 "time_s": now_s,
                 "demand_kw": request.demand_kw,
                 "request_kw": float(answer.request_kw.sum()),
-                "measured_kw": self.measured_kw,
+                "measured_kw": request.measured_kw,
                 "foreseen_kw": self._foreseen(now_s),
                 "starts": float(controller.commitment.starts.sum()),
                 "hottest_c": float(state.temperature_c.max()),
             }
             self.history.add(plant, state.soc, answer.request_kw)
-        self.told_ahead = request.forecast_kw is not None
-        self.last = (now_s, request.demand_kw, answer)
+        self.last = (now_s, request, answer)
         fields = {
             "demand_kw": request.demand_kw,
             "request_kw": answer.request_kw.tolist(),
