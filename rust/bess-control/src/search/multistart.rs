@@ -177,10 +177,11 @@ impl Search<'_> {
         proof.is_complete
     }
 
-    /// Requests of the incumbent, rounded so that their conversion to kW and back gives the same bits.
+    /// Requests of the incumbent, rounded so that their conversion to kW and back, within the limits, gives the same bits.
     fn rounded(&self) -> Vec<f64> {
         let there_and_back = |w: f64| w / W_PER_KW * W_PER_KW;
-        self.best().iter().map(|&w| there_and_back(there_and_back(w))).collect()
+        let rounded = |(&w, &limit_w): (&f64, &f64)| there_and_back(there_and_back(w)).min(limit_w);
+        self.best().iter().zip(&self.horizon.limit_w).map(rounded).collect()
     }
 
     /// Offers the one-step optima at the states of the incumbent, if there `is_choice`, repeated after every improvement;
