@@ -99,6 +99,18 @@ def test_a_study_from_init_runs_as_it_is_and_is_not_written_over(tmp_path: Path)
         run("init", str(tmp_path / "mine.toml"))
 
 
+def test_init_on_a_full_disk_leaves_no_part_of_a_study(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
+    try:
+        with pytest.raises(bess.InputError, match=r"study\.toml: cannot be written"):
+            run("init", str(tmp_path))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_every_default_shown_in_a_comment_is_accepted_when_it_is_set(tmp_path: Path) -> None:
     """Uncommented one section at a time, what the template shows is a study."""
     needed = {"[reactive]": "kvar = 20.0"}  # one of its keys without a default

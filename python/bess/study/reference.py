@@ -8,6 +8,7 @@ tables of the manual.
 import json
 import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -253,5 +254,7 @@ def start(directory: Path) -> Path:
         directory.mkdir(parents=True, exist_ok=True)
         path.write_text(template(STUDY), encoding="utf-8")
     except OSError as error:
+        with suppress(OSError):
+            path.unlink()  # a full disk leaves an empty file
         raise InputError(f"{path}: cannot be written ({error.strerror}); specify another folder") from error
     return path

@@ -111,8 +111,7 @@ def locked(directory: Path) -> Iterator[None]:
             with suppress(OSError, UnicodeDecodeError):
                 process = owner.read_text(encoding="ascii").strip() or process
             raise InputError(
-                f"{directory}: another run (process {process}) writes there; wait or use another "
-                "output folder"
+                f"{directory}: another process ({process}) writes there; wait, or use another folder"
             ) from error
     try:
         with suppress(OSError):  # a full disk: the lock is still valid
