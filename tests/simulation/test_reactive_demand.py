@@ -20,7 +20,6 @@ from bess.simulation import closed_loop
 
 RULES = ("equal", "priority", "soc", "temperature")
 WEEK = "frequency-week"
-SLACK_NOT_CONVEX = 5e-4
 
 
 def _study(policy: str = "equal", *, days: float = 1.0, demand: str = WEEK, **reactive: Any) -> bess.Study:
@@ -69,7 +68,9 @@ def test_a_plan_that_knows_reactive_power_loses_less_than_one_that_does_not() ->
 
 
 @settings(max_examples=100, deadline=None)
-@example(name="mixed-4", pair=(1, 1), share=(0.0, 0.0), part=0.4375)  # one inverter alone is best
+# The curves of mixed-4 are measured ones, not all of them convex: one inverter alone is best, or two between knots.
+@example(name="mixed-4", pair=(1, 1), share=(0.0, 0.0), part=0.4375)
+@example(name="mixed-4", pair=(2, 0), share=(0.34765625, 0.0), part=0.34375)
 @given(
     name=st.sampled_from(["reference", "mixed-4"]),
     pair=st.tuples(st.integers(0, 3), st.integers(0, 3)),
@@ -99,8 +100,6 @@ def test_two_inverters_share_it_as_well_as_the_best_of_a_grid(
                 total += nominal_kw * float(np.interp(np.hypot(p, q) / nominal_kw, inverter.load, table))
         return total
 
-    # The curves of mixed-4 are measured ones, not all of them convex.
-    slack = 1e-9 if name == "reference" else SLACK_NOT_CONVEX
     model = system.control_at(system.initial_state())
     found = model.share_reactive(request_kw, asked_kvar, limit_kva, np.zeros(n))
     assert found.sum() == pytest.approx(asked_kvar, abs=1e-9)
@@ -109,7 +108,7 @@ def test_two_inverters_share_it_as_well_as_the_best_of_a_grid(
         other = np.zeros(n)
         other[two] = first, asked_kvar - first
         if (np.abs(other) <= room).all():
-            assert loss_kw(found) <= loss_kw(other) * (1.0 + slack)
+            assert loss_kw(found) <= loss_kw(other) * (1.0 + 1e-9)
 
 
 def test_rules_share_it_in_equal_parts_among_what_runs_then_among_the_rest() -> None:

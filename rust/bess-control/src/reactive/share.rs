@@ -8,6 +8,8 @@ use crate::one_step::{solve, Response, StringCost};
 
 /// Share of the total below which a reactive power is a rounding error.
 const ROUNDING_SHARE: f64 = 1e-9;
+/// Halvings of an interval between two knots in the search for equal marginal losses.
+const BISECTIONS: usize = 40;
 
 /// An inverter in one step: its loss over apparent power, active power, reactive headroom, and the cost of a start [W].
 #[derive(Debug, Clone, Copy)]
@@ -142,8 +144,8 @@ impl Inverter<'_> {
         })
     }
 
-    /// Zero, the reactive powers at the knots of the curve, and the maximum.
-    fn candidates(&self) -> impl Iterator<Item = f64> + '_ {
+    /// Zero, the reactive powers at the knots of the curve, and the maximum: the loss is smooth between them.
+    fn breakpoints(&self) -> impl Iterator<Item = f64> + '_ {
         let inside = self.curve.power().iter().filter(|&&s| s > self.active_w);
         let at_knots = inside.map(|s| (s * s - self.active_w * self.active_w).sqrt());
         at_knots.filter(|&q| q < self.headroom_var).chain([0.0, self.headroom_var])
@@ -177,11 +179,34 @@ impl StringCost for Inverter<'_> {
     }
 }
 
-/// Exchanges reactive power between pairs of inverters, one of them to a candidate of its curve, while this saves losses:
-/// the one-step problem is exact for convex curves only.
+/// Reactive power of the first of two inverters, between two breakpoints, at which both have the same marginal loss.
+fn stationary(first: &Inverter<'_>, second: &Inverter<'_>, sum_var: f64, ends: (f64, f64)) -> Option<f64> {
+    // Between knots the loss is linear in apparent power, so that two points give its slope.
+    let marginal_loss = |inverter: &Inverter<'_>, ends: (f64, f64)| {
+        let (from, to) = (inverter.active_w.hypot(ends.0), inverter.active_w.hypot(ends.1));
+        let slope = (inverter.loss_w(ends.1) - inverter.loss_w(ends.0)) / (to - from);
+        let active_w = inverter.active_w;
+        move |q: f64| slope * q / active_w.hypot(q)
+    };
+    let (of_first, of_second) =
+        (marginal_loss(first, ends), marginal_loss(second, (sum_var - ends.0, sum_var - ends.1)));
+    let (mut low, mut high) = ends;
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (low + high);
+        if of_first(middle) < of_second(sum_var - middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    (low > ends.0 && high < ends.1).then_some(0.5 * (low + high))
+}
+
+/// Exchanges reactive power between pairs of inverters while this saves losses: the one-step problem is exact for convex
+/// curves only.
 fn exchange(inverters: &[Inverter<'_>], shares_var: &mut [f64]) {
     let pairs = || (0..inverters.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
-    let mut saves = true;
+    let (mut breakpoints, mut saves) = (vec![], true);
     while saves {
         saves = false;
         for (a, b) in pairs() {
@@ -191,14 +216,14 @@ fn exchange(inverters: &[Inverter<'_>], shares_var: &mut [f64]) {
             }
             let cost = |q: f64| first.cost_w(q) + second.cost_w(sum - q);
             let now = cost(shares_var[a]);
-            let best = first
-                .candidates()
-                .chain(second.candidates().map(|q| sum - q))
-                .filter(|&q| {
-                    (0.0..=first.headroom_var).contains(&q)
-                        && (0.0..=second.headroom_var).contains(&(sum - q))
-                })
-                .min_by(|x, y| cost(*x).total_cmp(&cost(*y)));
+            let (low, high) = ((sum - second.headroom_var).max(0.0), first.headroom_var.min(sum));
+            breakpoints.clear();
+            breakpoints.extend(first.breakpoints().chain(second.breakpoints().map(|q| sum - q)));
+            breakpoints.retain(|q| (low..=high).contains(q));
+            breakpoints.sort_by(f64::total_cmp);
+            let between = breakpoints.windows(2).filter_map(|q| stationary(first, second, sum, (q[0], q[1])));
+            let best =
+                breakpoints.iter().copied().chain(between).min_by(|x, y| cost(*x).total_cmp(&cost(*y)));
             if let Some(q) = best.filter(|&q| cost(q) < now * (1.0 - 1e-9)) {
                 (shares_var[a], shares_var[b]) = (q, sum - q);
                 saves = true;
