@@ -1,6 +1,7 @@
 """The way in for users: what `pip install` brings, in an environment that has nothing of this checkout."""
 
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -35,7 +36,11 @@ def empty_environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     work = tmp_path_factory.mktemp("wheel")
     python = partial(_run, sys.executable, "-m", cwd=work)
     python("build", "--sdist", "--installer", "uv", "--outdir", work / "sdist", ROOT)
-    (sdist,) = (work / "sdist").glob("*.tar.gz")
+    (archive,) = (work / "sdist").glob("*.tar.gz")
+    shutil.unpack_archive(archive, work)
+    (sdist,) = work.glob("bess_powersplit-*")
+    for source in sdist.rglob("*.rs"):
+        source.touch()  # to cargo, the old times in the archive mean that they are compiled already
     # Unoptimised, with dependencies that the Rust tests have compiled: what the package contains is the same.
     settings = {"CARGO_TARGET_DIR": str(ROOT / "target"), "MATURIN_PEP517_ARGS": "--profile dev"}
     python("pip", "wheel", "--no-deps", "--wheel-dir", work / "wheel", sdist, **settings)

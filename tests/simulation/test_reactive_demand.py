@@ -68,7 +68,7 @@ def test_a_plan_that_knows_reactive_power_loses_less_than_one_that_does_not() ->
 
 
 @settings(max_examples=100, deadline=None)
-# The curves of mixed-4 are measured ones, not all of them convex: one inverter alone is best, or two between knots.
+# Not all measured curves of mixed-4 are convex: one inverter alone is best, or two between knots.
 @example(name="mixed-4", pair=(1, 1), share=(0.0, 0.0), part=0.4375)
 @example(name="mixed-4", pair=(2, 0), share=(0.34765625, 0.0), part=0.34375)
 @given(

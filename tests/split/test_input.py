@@ -38,6 +38,18 @@ def test_bad_demand_is_refused(splitter, demand, message):
 
 
 @pytest.mark.parametrize("call", [bess.split_power, bess.plan_power])
+def test_one_call_takes_limits_and_temperatures_ahead(system, call):
+    state, demand_kw = bess.State(**GOOD_STATE), [40.0] * 4
+    limited = call(system, state, demand_kw, limit_kw=[0.0, 92.0])
+    assert limited.request_kw[0].tolist() == [0.0] * 4
+    assert limited.request_kw[1].tolist() == pytest.approx(demand_kw)
+    hot = call(system, state, demand_kw, limit_kw=[0.0, 92.0], ambient_c=[60.0] * 4)
+    roll = bess.rollout(system, state, hot.request_kw, ambient_c=[60.0] * 4)
+    assert hot != limited
+    assert roll.temperature_c[0, -1] > 26.0
+
+
+@pytest.mark.parametrize("call", [bess.split_power, bess.plan_power])
 def test_a_series_of_hours_is_not_taken_for_quarter_hours(system, call):
     state, quarters = bess.State(**GOOD_STATE), pd.date_range("2024-01-01", periods=4, freq="15min")
     series = pd.Series([10.0] * 4, index=quarters)

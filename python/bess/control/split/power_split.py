@@ -220,10 +220,13 @@ def split_power(
     gap: float = DEFAULTS.gap,
     time_limit_s: float | None = DEFAULTS.time_limit_s,
     node_limit: int | None = DEFAULTS.node_limit,
+    *,
+    ambient_c: ArrayLike | None = None,
+    limit_kw: ArrayLike | None = None,
 ) -> Split:
     """Split the demand of one horizon [1]_; its length is the number of values in ``demand_kw``.
 
-    See :class:`PowerSplit` for the parameters. For repeated calls, build a :class:`PowerSplit` once.
+    See :class:`PowerSplit` and its call for the parameters. For repeated calls, build one once.
 
     Raises
     ------
@@ -236,7 +239,8 @@ def split_power(
        for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
     n_steps = demand_of_steps(demand_kw).size
-    return PowerSplit(system, n_steps, objectives, dt_h, gap, time_limit_s, node_limit)(state, demand_kw)
+    splitter = PowerSplit(system, n_steps, objectives, dt_h, gap, time_limit_s, node_limit)
+    return splitter(state, demand_kw, ambient_c, limit_kw)
 
 
 def _status(certificate: Certificate) -> SplitStatus:
