@@ -85,7 +85,13 @@ def rig(
             "system": {"n_strings": N},
             "demand": {"file": "two-cycle-48h"},
             "policy": {"name": "soc"},
-            "service": {"control_step_s": STEP_S, "frozen_readings": 3, "retry_after_s": 60.0},
+            # A busy machine must not answer with the fallback.
+            "service": {
+                "control_step_s": STEP_S,
+                "answer_within_s": 10.0,
+                "frozen_readings": 3,
+                "retry_after_s": 60.0,
+            },
         },
         "the fault matrix",
     )

@@ -60,7 +60,12 @@ class Driven:
     def __init__(self, folder: Path, **others: Any) -> None:
         study = load_study(
             "policies",
-            {"policy.name": "mpc", "policy.foresight_h": 2.0, "service.control_step_s": 10.0},
+            {
+                "policy.name": "mpc",
+                "policy.foresight_h": 2.0,
+                "service.control_step_s": 10.0,
+                "service.answer_within_s": 10.0,  # a busy machine must not answer with the fallback
+            },
         )
         self.service = Service(study, folder)
         self.now_s = 1.8e9
