@@ -372,7 +372,7 @@ def test_a_folder_with_other_things_is_left_alone(short: Study, tmp_path: Path) 
 
 
 def test_two_runs_cannot_share_a_folder(short: Study, tmp_path: Path) -> None:
-    with locked(tmp_path), pytest.raises(bess.InputError, match=rf"another process \({os.getpid()}\) writes"):
+    with locked(tmp_path), pytest.raises(bess.InputError, match=rf"process \({os.getpid()}\) writes there"):
         bess.run(short, progress=False, out=tmp_path)
 
 
