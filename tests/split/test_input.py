@@ -44,9 +44,7 @@ def test_one_call_takes_limits_and_temperatures_ahead(system, call):
     assert limited.request_kw[0].tolist() == [0.0] * 4
     assert limited.request_kw[1].tolist() == pytest.approx(demand_kw)
     hot = call(system, state, demand_kw, limit_kw=[0.0, 92.0], ambient_c=[60.0] * 4)
-    roll = bess.rollout(system, state, hot.request_kw, ambient_c=[60.0] * 4)
     assert hot != limited
-    assert roll.temperature_c[0, -1] > 26.0
 
 
 @pytest.mark.parametrize("call", [bess.split_power, bess.plan_power])

@@ -190,16 +190,20 @@ fn stationary(first: &Inverter<'_>, second: &Inverter<'_>, sum_var: f64, ends: (
     };
     let (of_first, of_second) =
         (marginal_loss(first, ends), marginal_loss(second, (sum_var - ends.0, sum_var - ends.1)));
+    let rises = |q: f64| of_first(q) >= of_second(sum_var - q);
     let (mut low, mut high) = ends;
+    if rises(low) || !rises(high) {
+        return None;
+    }
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (low + high);
-        if of_first(middle) < of_second(sum_var - middle) {
-            low = middle;
-        } else {
+        if rises(middle) {
             high = middle;
+        } else {
+            low = middle;
         }
     }
-    (low > ends.0 && high < ends.1).then_some(0.5 * (low + high))
+    Some(0.5 * (low + high))
 }
 
 /// Exchanges reactive power between pairs of inverters while this saves losses: the one-step problem is exact for convex
