@@ -1,8 +1,9 @@
 """A lower bound on undelivered energy and losses of any split of a demand: one linear program over a run.
 
-The variables are means over control steps, summed over identical strings: delivered power ``p``, inverter
-loss ``w``, heat ``h``, number ``o`` of inverters that are on, sum ``q`` of their temperature excesses
-``theta``, sum ``s`` of all excesses, and, for each level of charge, chemical power ``x`` and energy ``e``.
+The variables are means over control steps, summed over identical strings. Strings that are on have, once for
+those that derate and once for the others, delivered power ``p``, inverter loss ``w``, heat ``h``, number
+``o``, sum ``q`` of temperature excesses ``theta``, and, for each level of charge, chemical power ``x``. All
+strings have the sum ``s`` of excesses and the energy ``e`` of each level.
 Charging below the inverter loss takes the power ``burnt``, discharges each level by ``y`` and heats by ``n``.
 Every operation of the plant satisfies all rows at no lower cost; ``docs/hindsight.md`` has the proof.
 """
@@ -10,13 +11,14 @@ Every operation of the plant satisfies all rows at no lower cost; ``docs/hindsig
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import clarabel
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from bess.arrays import Array
+from bess.arrays import Array, Flags
 from bess.dispatch.program import LinearProgram
 from bess.errors import InputError
 from bess.plant import PlantEnsemble
@@ -25,6 +27,7 @@ from bess.simulation.hindsight.relaxed_string import (
     CHARGE,
     DISCHARGE,
     MAX_TEMPERATURE_K,
+    Band,
     Law,
     RelaxedString,
     relaxed_string,
@@ -120,6 +123,7 @@ def lower_bound(
         return constant
     cooling = _cooling(system, step_s)
     coldest_c = min(float(ambient_c.min()), float(state.temperature_c.min()))
+    worth = LossWeights(worth.undelivered[active], worth.loss[active], worth.standby[active])
     common = _Common(active, demand_kw[active], ambient_c, dt_h, worth)
     program = Program()
     delivered = []
@@ -144,10 +148,9 @@ def lower_bound(
             state.temperature_c[members],
             limit_kw[active, first],
         )
-    asked_kw = np.abs(common.demand_kw)
-    program.at_most(asked_kw, *((power, 1.0) for power in delivered))
+    program.at_most(common.asked_kw, *((power, 1.0) for power in delivered))
     value = program.lower_bound()
-    asked = worth.undelivered[active] * asked_kw * dt_h
+    asked = worth.undelivered * common.asked_kw * dt_h
     return value + float(asked.sum()) + constant - _ROUNDING * float(np.abs(asked).sum())
 
 
@@ -162,13 +165,30 @@ def _alike(system: System, state: State, limit_kw: Array) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class _Common:
-    """Data common to all strings: active steps, their demand, ambient temperatures, and costs."""
+    """Data common to all strings: active steps, their demand and costs; ambient temperature of all steps."""
 
     active: NDArray[np.intp]
     demand_kw: Array
     ambient_c: Array
     dt_h: float
     worth: LossWeights
+
+    @property
+    def asked_kw(self) -> Array:
+        return np.abs(self.demand_kw)
+
+    @property
+    def discharging(self) -> Flags:
+        return self.demand_kw > 0.0
+
+    @property
+    def direction(self) -> NDArray[np.intp]:
+        """Row of the coefficients of a direction."""
+        return np.where(self.discharging, DISCHARGE, CHARGE)
+
+    @property
+    def sign(self) -> Array:
+        return np.sign(self.demand_kw)
 
 
 def _group(
@@ -184,47 +204,34 @@ def _group(
     active, dt_h = common.active, common.dt_h
     count, steps, levels = soc.size, active.size, string.energy_kwh.size
     keeps, takes, heats = cooling
-    discharging = common.demand_kw > 0.0
-    direction = np.where(discharging, DISCHARGE, CHARGE)
-    sign = np.where(discharging, 1.0, -1.0)
-    asked_kw = np.abs(common.demand_kw)
+    discharging, direction, sign = common.discharging, common.direction, common.sign
+    asked_kw, loss = common.asked_kw, common.worth.loss
     max_kw = np.minimum(np.minimum(string.nominal_kw, limit_kw), asked_kw)
-    undelivered, loss, standby = (
-        values[active] for values in (common.worth.undelivered, common.worth.loss, common.worth.standby)
-    )
-
-    ratio, root = string.ratio[direction], string.root[direction]
-    cold_s, warm_s = string.conductance[direction].T
+    ratio = string.ratio[direction]
     full_kwh = count * string.energy_kwh
     max_x = np.where(discharging[:, None], full_kwh / (ratio * dt_h), asked_kw[:, None])
-    max_h = np.where(discharging, max_x.sum(axis=1), asked_kw)
-    saved_standby = np.where(discharging, standby * string.standby_kw, 0.0)
-    x = program.add((steps, levels), upper=max_x)
+    on = [_running(program, common, string, band, count, max_kw, max_x) for band in string.bands]
     e = program.add((steps, levels), upper=full_kwh)
-    o = program.add(steps, upper=np.where(max_kw > 0.0, count, 0.0), cost=-saved_standby * dt_h)
-    q = program.add(steps, upper=count * string.hottest_k)
     s = program.add(steps, upper=count * MAX_TEMPERATURE_K)
-    p = program.add(steps, upper=np.minimum(count * max_kw, asked_kw), cost=-undelivered * dt_h)
-    w = program.add(steps, upper=count * string.nominal_kw, cost=loss * dt_h)
-    h = program.add(steps, upper=max_h, cost=loss * dt_h)
     # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
     burnt_kw, burnt_heat_kw = (np.where(discharging, 0.0, count * power_kw) for power_kw in string.burnt_kw)
-    burnt = program.add(steps, upper=np.minimum(burnt_kw, asked_kw), cost=(loss - undelivered) * dt_h)
+    saved = common.worth.undelivered - loss
+    burnt = program.add(steps, upper=np.minimum(burnt_kw, asked_kw), cost=-saved * dt_h)
     drained_kw = burnt_kw + burnt_heat_kw
     y = program.add((steps, levels), upper=drained_kw[:, None], cost=(loss * dt_h)[:, None])
     n = program.add(steps, upper=burnt_heat_kw)
     program.at_most(drained_kw, (y, 1.0))
     program.at_most(np.zeros(steps), (n, 1.0), (y, -1.0))
 
-    zero = np.zeros(steps)
-    # Inverter power = chemical power of the cells + heat.
-    program.at_most(zero, (p, sign), (w, 1.0), (h, 1.0), (x, -sign[:, None]))
-    program.at_most(zero, (p, -sign), (w, -1.0), (h, -1.0), (x, sign[:, None]))
+    # A string is on in one band at most.
+    program.at_most(np.where(max_kw > 0.0, count, 0.0), *((band.o, 1.0) for band in on))
     # Energy of each level.
     stored_kwh = np.sum([string.stored_kwh(value) for value in soc], axis=0)
     flow = sign[:, None] * ratio * dt_h
-    program.at_most(stored_kwh, (e[0], 1.0), (x[0], flow[0]))
-    program.at_most(np.zeros((steps - 1, levels)), (e[1:], 1.0), (e[:-1], -1.0), (x[1:], flow[1:]))
+    program.at_most(stored_kwh, (e[0], 1.0), *((band.x[0], flow[0]) for band in on))
+    program.at_most(
+        np.zeros((steps - 1, levels)), (e[1:], 1.0), (e[:-1], -1.0), *((band.x[1:], flow[1:]) for band in on)
+    )
     # A string fills its levels from below.
     share = 1.0 / string.energy_kwh
     program.at_most(np.zeros((steps, levels - 1)), (e[:, 1:], share[1:]), (e[:, :-1], -share[:-1]))
@@ -232,25 +239,86 @@ def _group(
         # Upper limits of losses: stored energy cannot be discarded.
         flow = sign[:, None] * string.ratio_against[direction] * dt_h
         spill = dt_h * string.ratio_against[DISCHARGE]
-        program.at_most(-stored_kwh, (e[0], -1.0), (x[0], -flow[0]), (y[0], -spill))
+        drawn = [(band.x[0], -flow[0]) for band in on]
+        program.at_most(-stored_kwh, (e[0], -1.0), *drawn, (y[0], -spill))
+        drawn = [(band.x[1:], -flow[1:]) for band in on]
+        program.at_most(np.zeros((steps - 1, levels)), (e[1:], -1.0), (e[:-1], 1.0), *drawn, (y[1:], -spill))
+    # Temperature excess: q <= s; s = decayed excess + contribution of the air + contribution of heat.
+    air_k = count * takes * np.maximum(common.ambient_c - string.reference_c, 0.0)
+    idle_keeps = keeps ** (np.diff(active, prepend=-1) - 1.0)
+    idle_k = _idle(air_k, keeps, active)
+    idle_k[0] += idle_keeps[0] * float(np.maximum(temperature_c - string.reference_c, 0.0).sum())
+    heating = [n, *(band.h for band in on)]
+    for of, left in (([band.q for band in on], 1.0), ([s], keeps)):
+        max_k = left * idle_k + air_k[active]
         program.at_most(
-            np.zeros((steps - 1, levels)), (e[1:], -1.0), (e[:-1], 1.0), (x[1:], -flow[1:]), (y[1:], -spill)
+            max_k[:1], *((excess[:1], 1.0) for excess in of), *((heat[:1], -heats) for heat in heating)
         )
+        program.at_most(
+            max_k[1:],
+            *((excess[1:], 1.0) for excess in of),
+            (s[:-1], -left * idle_keeps[1:]),
+            *((heat[1:], -heats) for heat in heating),
+        )
+    return [burnt, *(band.p for band in on)]
+
+
+class _Running(NamedTuple):
+    """Variables of the strings that are on in a band of temperature."""
+
+    x: NDArray[np.intp]
+    o: NDArray[np.intp]
+    q: NDArray[np.intp]
+    p: NDArray[np.intp]
+    h: NDArray[np.intp]
+
+
+def _running(
+    program: Program,
+    common: _Common,
+    string: RelaxedString,
+    band: Band,
+    count: int,
+    max_kw: Array,
+    max_x: Array,
+) -> _Running:
+    """Add variables and rows of the strings that are on in a band."""
+    steps, levels, dt_h = common.active.size, string.energy_kwh.size, common.dt_h
+    discharging, direction, sign = common.discharging, common.direction, common.sign
+    asked_kw, worth = common.asked_kw, common.worth
+    root = string.root[direction]
+    cold_s, warm_s = band.conductance[direction].T
+    low_k, high_k = band.theta_k
+    saved_standby = np.where(discharging, worth.standby * string.standby_kw, 0.0)
+    x = program.add((steps, levels), upper=max_x)
+    o = program.add(steps, upper=np.where(max_kw > 0.0, count, 0.0), cost=-saved_standby * dt_h)
+    q = program.add(steps, upper=count * high_k)
+    p = program.add(steps, upper=np.minimum(count * max_kw, asked_kw), cost=-worth.undelivered * dt_h)
+    w = program.add(steps, upper=count * string.nominal_kw, cost=worth.loss * dt_h)
+    h = program.add(steps, upper=np.where(discharging, max_x.sum(axis=1), asked_kw), cost=worth.loss * dt_h)
+
+    zero = np.zeros(steps)
+    program.at_most(zero, (q, 1.0), (o, -high_k))
+    program.at_most(zero, (q, -1.0), (o, low_k))
+    # Inverter power = chemical power of the cells + heat.
+    program.at_most(zero, (p, sign), (w, 1.0), (h, 1.0), (x, -sign[:, None]))
+    program.at_most(zero, (p, -sign), (w, -1.0), (h, -1.0), (x, sign[:, None]))
+    if not string.ages:
         program.at_most(zero, (h, 1.0), (x, -string.max_heat[direction]))
         first, more = string.max_loss[direction].T
         program.at_most(zero, (w, 1.0), (o, -first), (p, -more))
-    # Delivered power: limited by demand, inverter and temperature of the strings that are on.
+    # Delivered power: limited by demand, inverter and temperature.
     program.at_most(zero, (p, 1.0), (o, -max_kw))
-    for intercept, slope in zip(*string.derating, strict=True):
+    for intercept, slope in zip(*band.derating, strict=True):
         program.at_most(zero, (p, 1.0), (o, -intercept * max_kw), (q, -slope * max_kw))
     # Inverter loss.
     for way in (DISCHARGE, CHARGE):
         here = np.flatnonzero(direction == way)
         for intercept, slope in zip(*string.loss[way], strict=True):
             program.at_most(zero[here], (p[here], slope), (o[here], intercept), (w[here], -1.0))
-    # Heat: tangents below (root x)^2 / G, with the conductance G of the strings that are on.
+    # Heat: tangents below (root x)^2 / G, with the conductance G.
     for level in _HEAT_LEVELS:
-        touch = level * max_kw * root[:, levels // 2] / (cold_s + warm_s * _TYPICAL_K)
+        touch = level * max_kw * root[:, levels // 2] / (cold_s + warm_s * (low_k + _TYPICAL_K))
         program.at_most(
             zero,
             (x, 2.0 * touch[:, None] * root),
@@ -258,23 +326,7 @@ def _group(
             (q, -(touch**2) * warm_s),
             (h, -1.0),
         )
-    # Temperature excess: q <= s; s = decayed excess + contribution of the air + contribution of heat.
-    program.at_most(zero, (q, 1.0), (o, -string.hottest_k))
-    air_k = count * takes * np.maximum(common.ambient_c - string.reference_c, 0.0)
-    idle_keeps = keeps ** (np.diff(active, prepend=-1) - 1.0)
-    idle_k = _idle(air_k, keeps, active)
-    idle_k[0] += idle_keeps[0] * float(np.maximum(temperature_c - string.reference_c, 0.0).sum())
-    for of, left in ((q, 1.0), (s, keeps)):
-        max_k = left * idle_k + air_k[active]
-        program.at_most(max_k[:1], (of[:1], 1.0), (h[:1], -heats), (n[:1], -heats))
-        program.at_most(
-            max_k[1:],
-            (of[1:], 1.0),
-            (s[:-1], -left * idle_keeps[1:]),
-            (h[1:], -heats),
-            (n[1:], -heats),
-        )
-    return [p, burnt]
+    return _Running(x, o, q, p, h)
 
 
 def _idle(air_k: Array, keeps: float, active: NDArray[np.intp]) -> Array:

@@ -35,6 +35,18 @@ _LEVELS = {True: ((0.15, 0.3, 0.5, 0.75, 1.0), 9), False: ((0.2, 1.0), 3)}
 
 
 @dataclass(frozen=True)
+class Band:
+    """A range of the excess temperature ``theta`` [K] of strings that are on, without derating or with it."""
+
+    theta_k: tuple[float, float]
+    conductance: Array
+    """``(2, 2)``: ``G <= first + second * theta`` for a string whose mean temperature exceeds the reference
+    by ``theta``."""
+    derating: Lines
+    """Upper bounds of the derating factor: lines over ``theta``."""
+
+
+@dataclass(frozen=True)
 class RelaxedString:
     """A string, or several identical strings; coefficients have a row for charge and one for discharge."""
 
@@ -53,20 +65,15 @@ class RelaxedString:
     """``(2, n_levels)``: the opposite limits of this ratio: maximum in discharge, minimum in charge."""
     root: Array
     """``(2, n_levels)``: heat [kW] is at least ``(sum_l root_l x_l)^2 / G`` for chemical powers ``x_l`` [kW]
-    and conductance ``G``."""
-    conductance: Array
-    """``(2, 2)``: ``G <= first + second * theta`` for a string whose mean temperature exceeds the reference
-    by ``theta``."""
+    and the conductance ``G`` of a band."""
+    bands: list[Band]
+    """Ranges of ``theta`` from 0 to its maximum at which a string delivers power."""
     loss: list[Lines]
     """Lower bounds of the loss of an inverter that is on [kW]: lines over delivered power [kW]."""
     max_loss: Array
     """``(2, 2)``: intercept and slope of the upper bound of this loss."""
     max_heat: Array
     """``(2, n_levels)``: upper bound of the heat, as a share of the chemical power."""
-    derating: Lines
-    """Upper bounds of the derating factor: lines over ``theta`` [K]."""
-    hottest_k: float
-    """Maximum ``theta`` at which a string delivers power."""
     ages: bool
     """Whether capacity may fall, and with it the energy at a given SOC."""
     burnt_kw: tuple[float, float]
@@ -150,7 +157,10 @@ def relaxed_string(
     cold_k = reference_c - min(coldest_c, reference_c)
     stop_c = _stop_c(derating_c, factor)
     hottest_k = MAX_TEMPERATURE_K if stop_c is None else max(stop_c - reference_c, 1e-6)
-    ends_c = [reference_c, reference_c + hottest_k + cold_k, reference_c + 2.0 * MAX_TEMPERATURE_K]
+    # `theta` exceeds the mean temperature by up to `cold_k`.
+    start_k, most_k = derating_c[factor == factor.max()][-1] - reference_c, hottest_k + cold_k
+    limits_k = np.array([0.0, *([start_k] if 0.0 < start_k < most_k else []), most_k])
+    ends_c = [*(reference_c + limits_k), reference_c + 2.0 * MAX_TEMPERATURE_K]
     warm_c = np.unique([*ends_c, *resistance_c[resistance_c > reference_c]])
 
     edges = _edges(battery, fine)
@@ -184,7 +194,6 @@ def relaxed_string(
         ratio, ratio_against, top_v, max_heat = np.array(limits).T
         resistance = np.array(ohm)
         base = convex_below(warm_c, resistance.min(axis=0))
-        reached = warm_c <= ends_c[1]
         load, loss = np.array(inverter.load), np.array(losses)
         loss_0, loss_slope = lines_below(load, loss)
         max_0, max_slope = line_above(load, loss)
@@ -193,7 +202,11 @@ def relaxed_string(
                 ratio,
                 ratio_against,
                 np.sqrt(1e3 * (resistance / base).min(axis=1)) / top_v,
-                chord_above(warm_c[reached] - reference_c, 1.0 / base[reached]),
+                [
+                    chord_above(warm_c[within] - reference_c, 1.0 / base[within])
+                    for low_c, high_c in pairwise(ends_c[:-1])
+                    for within in [(warm_c >= low_c) & (warm_c <= high_c)]
+                ],
                 (inverter.nominal_kw * max_0, max_slope),
                 max_heat,
                 (inverter.nominal_kw * loss_0, loss_slope),
@@ -204,10 +217,15 @@ def relaxed_string(
 
     burnt_kw = inverter.nominal_kw * max(inverter.loss_charge)
     worst_ohm = _ohm(battery, CHARGE, _between(tables, *wide), warm_c, np.max).max() * soh_resistance
-    derated_c = np.unique([reference_c, reference_c + hottest_k, *derating_c])
-    derated_c = derated_c[(derated_c >= reference_c) & (derated_c <= reference_c + hottest_k)]
-    # `theta` exceeds the mean temperature by up to `cold_k`.
-    full, slope = lines_above(derated_c - reference_c, np.interp(derated_c, derating_c, factor))
+
+    def band(number: int) -> Band:
+        low_k, high_k = limits_k[number : number + 2]
+        ends_k = max(low_k - cold_k, 0.0), min(high_k, hottest_k)
+        derated_k = _between(derating_c - reference_c, *ends_k)
+        full, slope = lines_above(derated_k, np.interp(reference_c + derated_k, derating_c, factor))
+        derating = (full + np.maximum(-slope, 0.0) * cold_k, slope)
+        return Band((low_k, high_k), conductance[:, number], derating)
+
     return RelaxedString(
         nominal_kw=inverter.nominal_kw,
         standby_kw=inverter.off_loss * inverter.nominal_kw,
@@ -216,12 +234,10 @@ def relaxed_string(
         ratio=ratio,
         ratio_against=ratio_against,
         root=root,
-        conductance=conductance,
+        bands=[band(number) for number in range(limits_k.size - 1)],
         loss=list(loss_lines),
         max_loss=max_loss,
         max_heat=max_heat,
-        derating=(full + np.maximum(-slope, 0.0) * cold_k, slope),
-        hottest_k=hottest_k + cold_k,
         ages=string.wear.cell_model is not None,
         burnt_kw=(burnt_kw, 1e-3 * worst_ohm * (2e3 * burnt_kw / min_v.min()) ** 2),
         voltage_v=(soc, highest_v[DISCHARGE]),
