@@ -44,16 +44,16 @@ class RepeatedKeyError(ValueError):
     """A key occurs twice in one object."""
 
 
-def parse_json(text: str | bytes, *, unique_keys: bool = False) -> Any:
+def parse_json(text: str | bytes) -> Any:
     """Parse a JSON document; every failure is a ValueError, excessive nesting included.
 
     Raises
     ------
     ValueError
-        The text is not JSON, or is nested too deeply; with ``unique_keys``, :class:`RepeatedKeyError` for a
-        key that occurs twice in one object, of which the last one applies otherwise.
+        The text is not JSON, or is nested too deeply; :class:`RepeatedKeyError` for a key that occurs twice
+        in one object.
     """
-    return _parsed(partial(json.loads, object_pairs_hook=_object) if unique_keys else json.loads, text)
+    return _parsed(partial(json.loads, object_pairs_hook=_object), text)
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

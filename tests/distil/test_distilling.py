@@ -150,6 +150,7 @@ def test_a_file_that_is_no_controller_is_refused_with_what_to_do(
             {**good, "tables": {**good["tables"], "ocv_v": good["tables"]["ocv_v"][:-1]}}
         ),
         "another format": json.dumps({**good, "format": 2}),
+        "weights twice": json.dumps(good)[:-1] + f', "weights": {json.dumps(good["weights"])}}}',
     }
     for name, text in spoiled.items():
         path = tmp_path / "spoiled.json"

@@ -308,7 +308,7 @@ def _limited(request: Request) -> Receive:
                     body += part
                     if len(body) > MAX_BODY:
                         raise HTTPException(413, f"the body is longer than {MAX_BODY} bytes", _CLOSE)
-            parse_json(body, unique_keys=True)
+            parse_json(body)
         except ClientDisconnect:
             raise HTTPException(400, "the client disconnected before the body was complete") from None
         except TimeoutError:
