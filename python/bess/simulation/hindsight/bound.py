@@ -119,7 +119,7 @@ def lower_bound(
     active = np.flatnonzero(demand_kw)
     if active.size == 0:
         return constant
-    cooling = thermal_rates(system, step_s)
+    rates = thermal_rates(system, step_s)
     coldest_c = min(float(ambient_c.min()), float(state.temperature_c.min()))
     worth = LossWeights(worth.undelivered[active], worth.loss[active], worth.standby[active])
     common = _Common(active, demand_kw[active], ambient_c, dt_h, worth)
@@ -141,7 +141,7 @@ def lower_bound(
             program,
             common,
             relaxed,
-            cooling[first].tolist(),
+            rates[first].tolist(),
             state.soc[members],
             state.temperature_c[members],
             limit_kw[active, first],
@@ -193,7 +193,7 @@ def _group(
     program: Program,
     common: _Common,
     string: RelaxedString,
-    cooling: list[float],
+    rates: list[float],
     soc: Array,
     temperature_c: Array,
     limit_kw: Array,
@@ -201,9 +201,9 @@ def _group(
     """Add variables and rows of identical strings; return the variables of delivered power."""
     active, dt_h = common.active, common.dt_h
     count, steps, levels = soc.size, active.size, string.energy_kwh.size
-    keeps, takes, heats = cooling
+    keeps, takes, heats = rates
     discharging, direction, sign = common.discharging, common.direction, common.sign
-    asked_kw, loss = common.asked_kw, common.worth.loss
+    asked_kw, undelivered, loss = common.asked_kw, common.worth.undelivered, common.worth.loss
     max_kw = np.minimum(np.minimum(string.nominal_kw, limit_kw), asked_kw)
     ratio = string.ratio[direction]
     full_kwh = count * string.energy_kwh
@@ -213,8 +213,7 @@ def _group(
     s = program.add(steps, upper=count * MAX_TEMPERATURE_K)
     # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
     burnt_kw, burnt_heat_kw = (np.where(discharging, 0.0, count * power_kw) for power_kw in string.burnt_kw)
-    saved = common.worth.undelivered - loss
-    burnt = program.add(steps, upper=np.minimum(burnt_kw, asked_kw), cost=-saved * dt_h)
+    burnt = program.add(steps, upper=np.minimum(burnt_kw, asked_kw), cost=(loss - undelivered) * dt_h)
     drained_kw = burnt_kw + burnt_heat_kw
     y = program.add((steps, levels), upper=drained_kw[:, None], cost=(loss * dt_h)[:, None])
     n = program.add(steps, upper=burnt_heat_kw)

@@ -159,9 +159,10 @@ def relaxed_string(
     hottest_k = MAX_TEMPERATURE_K if stop_c is None else max(stop_c - reference_c, 1e-6)
     # `theta` exceeds the mean temperature by up to `cold_k`.
     start_k, most_k = derating_c[factor == factor.max()][-1] - reference_c, hottest_k + cold_k
-    limits_k = np.array([0.0, *([start_k] if 0.0 < start_k < most_k else []), most_k])
+    limits_k = np.unique([0.0, np.clip(start_k, 0.0, most_k), most_k])
     ends_c = [*(reference_c + limits_k), reference_c + 2.0 * MAX_TEMPERATURE_K]
     warm_c = np.unique([*ends_c, *resistance_c[resistance_c > reference_c]])
+    in_band_c = [_between(warm_c, *ends) for ends in pairwise(reference_c + limits_k)]
 
     edges = _edges(battery, fine)
     wide = battery.soc_min, battery.soc_max
@@ -202,11 +203,7 @@ def relaxed_string(
                 ratio,
                 ratio_against,
                 np.sqrt(1e3 * (resistance / base).min(axis=1)) / top_v,
-                [
-                    chord_above(warm_c[within] - reference_c, 1.0 / base[within])
-                    for low_c, high_c in pairwise(ends_c[:-1])
-                    for within in [(warm_c >= low_c) & (warm_c <= high_c)]
-                ],
+                [chord_above(each - reference_c, 1.0 / np.interp(each, warm_c, base)) for each in in_band_c],
                 (inverter.nominal_kw * max_0, max_slope),
                 max_heat,
                 (inverter.nominal_kw * loss_0, loss_slope),
@@ -218,13 +215,13 @@ def relaxed_string(
     burnt_kw = inverter.nominal_kw * max(inverter.loss_charge)
     worst_ohm = _ohm(battery, CHARGE, _between(tables, *wide), warm_c, np.max).max() * soh_resistance
 
-    def band(number: int) -> Band:
-        low_k, high_k = limits_k[number : number + 2]
+    def band(theta_k: tuple[float, float], conductance: Array) -> Band:
+        low_k, high_k = theta_k
         ends_k = max(low_k - cold_k, 0.0), min(high_k, hottest_k)
         derated_k = _between(derating_c - reference_c, *ends_k)
         full, slope = lines_above(derated_k, np.interp(reference_c + derated_k, derating_c, factor))
         derating = (full + np.maximum(-slope, 0.0) * cold_k, slope)
-        return Band((low_k, high_k), conductance[:, number], derating)
+        return Band(theta_k, conductance, derating)
 
     return RelaxedString(
         nominal_kw=inverter.nominal_kw,
@@ -234,7 +231,7 @@ def relaxed_string(
         ratio=ratio,
         ratio_against=ratio_against,
         root=root,
-        bands=[band(number) for number in range(limits_k.size - 1)],
+        bands=list(map(band, pairwise(limits_k.tolist()), conductance.swapaxes(0, 1))),
         loss=list(loss_lines),
         max_loss=max_loss,
         max_heat=max_heat,
