@@ -16,6 +16,7 @@ from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
 from bess.edge.serve.control_loop import ControlLoop, Demands
 from bess.edge.serve.service import Service
 from bess.study import Study
+from patient import PATIENT
 
 
 @pytest.fixture
@@ -85,16 +86,10 @@ def rig(
             "system": {"n_strings": N},
             "demand": {"file": "two-cycle-48h"},
             "policy": {"name": "soc"},
-            # A busy machine must not answer with the fallback.
-            "service": {
-                "control_step_s": STEP_S,
-                "answer_within_s": 10.0,
-                "frozen_readings": 3,
-                "retry_after_s": 60.0,
-            },
+            "service": {"control_step_s": STEP_S, "frozen_readings": 3, "retry_after_s": 60.0},
         },
         "the fault matrix",
-    )
+    ).with_values(PATIENT)
     service = Service(study, tmp_path / "state")
     clock = watched.clock
     began = datetime(2026, 11, 22, tzinfo=UTC).timestamp()

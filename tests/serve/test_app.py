@@ -18,6 +18,7 @@ from bess.edge.serve.gate import MAX_BODY
 from bess.edge.serve.service import Service
 from bess.edge.serve.state_store import MEMORY
 from bess.study import load_study
+from patient import PATIENT
 
 JSON = {"Content-Type": "application/json"}
 STRING = {"soc": 0.5, "temperature_c": 25.0}
@@ -25,9 +26,7 @@ GOOD = {"demand_kw": 78.0, "strings": [STRING, {**STRING, "limit_kw": 92.0, "ava
 
 
 def study(**values):  # type: ignore[no-untyped-def]
-    # A busy machine must not answer with the fallback, unless a test asks for it.
-    patient = {"service.answer_within_s": 10.0}
-    return load_study("policies", {"policy.name": "mpc", "policy.foresight_h": 2.0, **patient, **values})
+    return load_study("policies", {"policy.name": "mpc", "policy.foresight_h": 2.0, **PATIENT, **values})
 
 
 @pytest.fixture

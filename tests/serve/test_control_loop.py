@@ -19,6 +19,7 @@ from bess.edge.serve.control_loop import ControlLoop, Demands
 from bess.edge.serve.service import Service
 from bess.errors import InputError
 from bess.study import load_study
+from patient import PATIENT
 
 
 class Link:
@@ -64,7 +65,7 @@ class Driven:
                 "policy.name": "mpc",
                 "policy.foresight_h": 2.0,
                 "service.control_step_s": 10.0,
-                "service.answer_within_s": 10.0,  # a busy machine must not answer with the fallback
+                **PATIENT,
             },
         )
         self.service = Service(study, folder)

@@ -18,12 +18,12 @@ pytest.importorskip("fastapi")
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 
+from patient import PATIENT
 from service_load import Server, free_port, load
 
 pytestmark = pytest.mark.process
 
-# A busy machine must not answer with the fallback.
-PATIENT = ("--set", "service.answer_within_s=10")
+PATIENT_OPTIONS = [word for key, value in PATIENT.items() for word in ("--set", f"{key}={value}")]
 BODY = {"demand_kw": 100.0, "strings": [{"soc": 0.6}, {"soc": 0.5}]}
 
 
@@ -50,7 +50,7 @@ def test_under_load_no_sum_is_wrong_and_nobody_is_left_without_an_answer(tmp_pat
 def test_a_service_that_is_killed_continues_with_its_plan_and_its_counters(
     tmp_path: Path, kills: int
 ) -> None:
-    server = Server(tmp_path, 2, *PATIENT)
+    server = Server(tmp_path, 2, *PATIENT_OPTIONS)
     rng = np.random.default_rng(kills)
     answered, plan = 0, None
     try:
@@ -67,7 +67,7 @@ def test_a_service_that_is_killed_continues_with_its_plan_and_its_counters(
                 asked -= 1
             plan = json.loads((tmp_path / "state" / "plan.json").read_bytes().split(b"\n")[1])
             server.kill()
-            server = Server(tmp_path, 2, *PATIENT)
+            server = Server(tmp_path, 2, *PATIENT_OPTIONS)
             health = call(server.port, "/v1/health")
             assert health["answers"] == answered
             assert health["planned"]
@@ -111,7 +111,8 @@ def test_a_service_that_is_refused_does_not_say_that_it_listens(
 def _serve(folder: Path, port: int, bytes_on_disk: int) -> subprocess.Popen[bytes]:
     """A service on a disk that takes no file of more than so many bytes."""
     command = [sys.executable, "-m", "bess", "serve", "policies", "--port", str(port)]
-    command += ["--set", "policy.foresight_h=2", "--set", "policy.name=mpc", "--state", str(folder), *PATIENT]
+    command += ["--set", "policy.foresight_h=2", "--set", "policy.name=mpc"]
+    command += ["--state", str(folder), *PATIENT_OPTIONS]
     limit = (bytes_on_disk, resource.RLIM_INFINITY)
     return subprocess.Popen(
         command,
@@ -169,7 +170,7 @@ def test_a_service_on_a_full_disk_starts_controls_says_so_and_saves_once_there_i
 def test_a_service_whose_log_nobody_reads_goes_on_and_ends_when_told(tmp_path: Path) -> None:
     port = free_port()
     command = [sys.executable, "-m", "bess", "serve", "policies", "--port", str(port)]
-    command += ["--set", "policy.name=soc", "--state", str(tmp_path / "state"), *PATIENT]
+    command += ["--set", "policy.name=soc", "--state", str(tmp_path / "state"), *PATIENT_OPTIONS]
     process = subprocess.Popen(command, stderr=subprocess.PIPE)
     try:
         _until_up(process, port)

@@ -18,6 +18,7 @@ from bess.edge.serve.service import Service
 from bess.edge.serve.state_store import StateStore
 from bess.errors import InputError
 from bess.study import load_study
+from patient import PATIENT
 
 
 def test_a_full_disk_never_spoils_both_files(tmp_path: Path) -> None:
@@ -48,7 +49,7 @@ def test_a_disk_that_hangs_holds_one_answer_up_and_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "DISK_TIMEOUT_S", 0.0)
-    study = load_study("policies", {"policy.name": "soc", "service.answer_within_s": 10.0})
+    study = load_study("policies", {"policy.name": "soc", **PATIENT})
     service = Service(study, tmp_path)
     hangs, goes_on = threading.Event(), threading.Event()
 

@@ -23,6 +23,9 @@ from bess.simulation.sweep import run_sweep, write_table
 from bess.study import expand, load_study
 from bess.study.study import Study
 
+HUNG_S = 600.0
+"""Time after which a command is taken for hung, also on a slow machine."""
+
 STUDY = """
 title = "Initial SOC and temperature"
 [demand]
@@ -120,7 +123,7 @@ def test_a_killed_worker_does_not_lose_the_sweep(tmp_path: Path, cluster: Any) -
     name, pid = _in_mid_run(out, workers)
     os.kill(pid, signal.SIGKILL)
     assert not (out / name / RESULTS).exists()
-    sweep.join(timeout=600)
+    sweep.join(timeout=HUNG_S)
     assert not sweep.is_alive()
     (result,) = finished
     assert result.failed == {} and len(result.outcomes) == 6
@@ -218,7 +221,7 @@ def bess_sweep(study: Path, out: Path, *options: str) -> subprocess.Popen[str]:
 def test_one_bad_value_is_said_once_with_the_count(tmp_path: Path, cluster: Any) -> None:
     study_of(tmp_path, 0.25, '[system]\nfile = "nowhere.toml"\n')
     sweep = bess_sweep(tmp_path / "soc.toml", tmp_path / "out", "--scheduler", cluster.scheduler_address)
-    _, said = sweep.communicate(timeout=600)
+    _, said = sweep.communicate(timeout=HUNG_S)
     assert sweep.returncode == 1
     last = said.strip().splitlines()[-1]
     assert last.startswith("bess: 6 of 6 runs failed: ") and last.count("nowhere.toml: no such file") == 1
@@ -230,11 +233,11 @@ def test_one_bad_value_is_said_once_with_the_count(tmp_path: Path, cluster: Any)
 def test_ctrl_c_ends_a_sweep_with_one_line_and_none_of_its_workers(tmp_path: Path) -> None:
     study_of(tmp_path, 300)
     sweep = bess_sweep(tmp_path / "soc.toml", tmp_path / "out", "--workers", "2")
-    deadline = time.monotonic() + 600.0
+    deadline = time.monotonic() + HUNG_S
     while not list((tmp_path / "out").glob("*/parts/*.npz")) and time.monotonic() < deadline:
         time.sleep(0.05)
     os.killpg(sweep.pid, signal.SIGINT)  # as a terminal sends it: to the workers too
-    _, said = sweep.communicate(timeout=600)
+    _, said = sweep.communicate(timeout=HUNG_S)
     assert sweep.returncode == 3
     lines = [line for line in said.splitlines() if line.strip() and not line.startswith("scenarios ")]
     assert len(lines) == 1 and "run the same sweep again to continue" in lines[0], said
