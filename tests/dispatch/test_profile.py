@@ -29,6 +29,12 @@ def test_the_bundled_profile_is_two_days_of_two_cycles():
     assert -power[:96].clip(max=0).sum() * 0.25 == pytest.approx(9.5 * 78 + 1.25 * 30)
 
 
+@pytest.mark.parametrize("name", PROFILES)
+def test_bundled_profiles_are_whole_watts_as_processors_disagree_in_the_last_bit(name):
+    power_kw = bundled_profile(name)
+    assert np.array_equal(power_kw, np.round(power_kw, 3))
+
+
 def test_the_bundled_profile_scales_and_refines():
     fine = bundled_profile("two-cycle-48h", hi_kw=100.0, lo_kw=10.0, dt_h=1 / 12)
     assert fine.size == 576

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -174,7 +175,7 @@ class CycleBudget(Checkpointed):
         left_years = (self._years[self._year + 1] - step) / self._year_steps[self._year]
         days = self._year_steps[self._year] / self._day_steps
         even = min(self._cycles * self._nominal_kwh, self._throughput_kwh / self._one_way) / days
-        due = self.remaining_kwh / days * _USE_GROWTH / np.expm1(_USE_GROWTH * left_years)
+        due = self.remaining_kwh / days * _USE_GROWTH / math.expm1(_USE_GROWTH * left_years)
         due = max(due, _MIN_DAILY_USE * even)
         price = self._prices.ahead(step, self._look_ahead_steps)
         cycles = due / self._usable_kwh * price.size / self._day_steps

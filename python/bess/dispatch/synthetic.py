@@ -1,7 +1,9 @@
 """Synthetic demand, loads, solar power and grid frequency, computed without data files.
 
 All are sized for a pair of reference strings (184 kW, 532 kWh) that starts half full, and are
-meant to be scaled with the plant. They resemble the service and do not describe a real week.
+meant to be scaled with the plant. They resemble the service and do not describe a real week. Values are
+rounded, as processors disagree in the last bit of an exponential, and a search then takes another of two
+nearly equal schedules.
 """
 
 from typing import Final
@@ -140,9 +142,9 @@ def frequency_deviation(seed: int = 7) -> Array:
             path[step] = value
         total += path
     hour = np.arange(count) % 360 / 360.0
-    return total + 16.0 * (hour - 0.5)
+    return np.round(total + 16.0 * (hour - 0.5), 3)
 
 
 def on_steps(quarters_kw: Array, dt_h: float, name: str) -> Array:
-    """Return the quarter-hourly values of the profile ``name`` on control steps that divide a quarter."""
-    return quarters_kw.repeat(steps_in(0.25, dt_h, f"profile {name}: its quarter of an hour"))
+    """Return the quarter-hourly values of profile ``name``, in whole W, on steps that divide a quarter."""
+    return np.round(quarters_kw, 3).repeat(steps_in(0.25, dt_h, f"profile {name}: its quarter of an hour"))

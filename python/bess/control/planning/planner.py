@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -322,7 +323,8 @@ class Planner(Checkpointed):
         """Weights of the four losses, shape (n_steps, 4)."""
         error = self._forecast_error.relative_error
         hours = np.arange(self.horizon_steps) * self.dt_h
-        shortfall = np.exp(-hours * error / FORECAST_ERROR_DISCOUNT_TIME_H)
+        # One by one, as the last bit of NumPy's exponential depends on the processor.
+        shortfall = np.array([math.exp(x) for x in -hours * error / FORECAST_ERROR_DISCOUNT_TIME_H])
         shortfall[0] = self._first_step_weight
         weights = np.ones((self.horizon_steps, 4))
         weights[:, :2] = shortfall[:, None]
