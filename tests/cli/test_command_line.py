@@ -14,15 +14,14 @@ from bess.cli.records import kpi_table
 from bess.cli.studies import findings
 from bess.control.policies import POLICIES
 from bess.study import bundled_studies
+from commands import command
 
 SHARED = Path(__file__).parents[3] / "shared/data/prices"
 PRICES = SHARED / "smard_de_viertelstunde_2024_berechnet_resaved.csv"
 
 
-def command(*words: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "bess", *words], capture_output=True, text=True, check=False, cwd=folder
-    )
+def process(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "bess", *words], capture_output=True, text=True, check=False)
 
 
 def refused(*words: str, folder: Path | None = None) -> str:
@@ -69,7 +68,14 @@ def test_import_loads_none_of_the_heavy_libraries() -> None:
 
 
 def test_version_is_that_of_the_package() -> None:
-    assert command("--version").stdout == f"bess {bess.__version__}\n"
+    assert process("--version").stdout == f"bess {bess.__version__}\n"
+
+
+@pytest.mark.parametrize("words", [["list", "cells"], ["run", "nosuch"], ["fly"]])
+def test_a_process_prints_and_ends_as_the_other_tests_see_it(words: list[str]) -> None:
+    alone, within = process(*words), command(*words)
+    assert alone.returncode == within.returncode
+    assert (alone.stdout, alone.stderr) == (within.stdout, within.stderr)
 
 
 def test_list_names_everything_that_comes_along() -> None:
@@ -119,7 +125,7 @@ def test_completion_installs_a_script_for_the_shell(tmp_path: Path) -> None:
 
 def test_run_writes_the_documented_files_and_prints_the_key_figures(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    ended = command("run", "case1", "--days", "0.5", "--set", "policy.name=equal", "--out", str(out))
+    ended = process("run", "case1", "--days", "0.5", "--set", "policy.name=equal", "--out", str(out))
     assert ended.returncode == 0, ended.stderr
     assert {path.name for path in out.iterdir()} >= {"study.toml", "results.nc", "kpis.json", "log.jsonl"}
     kpis = json.loads((out / "kpis.json").read_text())

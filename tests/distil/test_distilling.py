@@ -1,8 +1,6 @@
 """From a study to a folder with a controller, and back into a run."""
 
 import json
-import subprocess
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -17,6 +15,7 @@ from bess.edge.distil.distillation import RULES, report, trials
 from bess.edge.distil.training import TrainingCase, TrainingSet, first_weights
 from bess.errors import InputError
 from bess.simulation import runner
+from commands import command
 
 STUDY = {
     "name": "short",
@@ -160,25 +159,19 @@ def test_a_file_that_is_no_controller_is_refused_with_what_to_do(
             pytest.fail(name)
 
 
-def _bess(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "bess", *arguments], capture_output=True, text=True, check=False
-    )
-
-
 def test_the_command_writes_a_controller_and_says_what_was_lost(tmp_path: Path) -> None:
     study = tmp_path / "short.toml"
     study.write_text('[demand]\nfile = "two-cycle-48h"\n[run]\ndays = 0.25\n', encoding="utf-8")
     out = tmp_path / "made"
-    command = ["distil", str(study), "--out", str(out), "--generations", "0", "--set", "policy.foresight_h=6"]
-    done = _bess(*command)
+    words = ["distil", str(study), "--out", str(out), "--generations", "0", "--set", "policy.foresight_h=6"]
+    done = command(*words)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in out.iterdir()} == {
         "policy.json", "split.c", "split.h", "split.st", "study.toml", "report.md",
     }  # fmt: skip
     assert str(out / "report.md") in done.stdout
     (out / "notes.txt").touch()
-    again = _bess(*command)
+    again = command(*words)
     assert again.returncode == 2
     assert "holds 'notes.txt'" in again.stderr
 

@@ -8,6 +8,7 @@ import bess
 from bess.cli.records import runs_of
 from bess.report.page import write_comparison
 from bess.report.words.summary import unlike
+from commands import command
 
 BASE = {"policy.name": "soc", "run.days": 0.25, "system.initial_soc": [0.3, 0.7]}
 
@@ -80,10 +81,8 @@ def test_another_version_is_said(first: Path, tmp_path: Path, monkeypatch: pytes
 
 
 def test_the_command_says_it_before_the_table(first: Path, tmp_path: Path) -> None:
-    import subprocess
-    import sys
-
     other = made(tmp_path, "other", system__n_strings=4, system__initial_soc=0.5, run__days=0.5)
-    words = [sys.executable, "-m", "bess", "compare", str(first), str(other), "--out", str(tmp_path / "page")]
-    printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()
+    ended = command("compare", str(first), str(other), "--out", str(tmp_path / "page"))
+    assert ended.returncode == 0, ended.stderr
+    printed = ended.stdout.splitlines()
     assert printed[0].startswith("These runs are unlike, so none of them is marked best: system (2 strings")

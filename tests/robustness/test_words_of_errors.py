@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +11,7 @@ import bess
 from bess.report import write_report
 from bess.report.page import write_comparison
 from bess.simulation.sweep import run_scenario, run_scenarios
+from commands import command
 
 STUDY = bess.load_study("case1", {"run.days": 0.25, "policy.name": "equal"})
 
@@ -47,8 +46,7 @@ def test_errors_name_the_output_folder(name: str, full: Path) -> None:
 
 
 def test_the_command_line_and_workers_say_the_same(full: Path) -> None:
-    command = [sys.executable, "-m", "bess", "run", "case1", "--days", "0.5", "--out", str(full)]
-    said = subprocess.run(command, capture_output=True, text=True, check=False)
+    said = command("run", "case1", "--days", "0.5", "--out", str(full))
     assert said.returncode == 2
     assert "use another output folder" in said.stderr
     assert "use another output folder" in run_scenario(STUDY.with_values({"run.days": 0.5}), full).error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,9 +23,20 @@ CORNERS = {
 }
 
 
+_reference = functools.cache(bess.System.reference)
+
+
+def _reference_document(n_strings: int) -> dict[str, Any]:
+    return copy.deepcopy(_reference(n_strings).document)
+
+
 def differing(n_strings: int, rng: np.random.Generator) -> bess.System:
     """Strings that differ in size, inverter, resistance, tables, SOC window and voltage limits."""
-    document = copy.deepcopy(bess.System.reference(n_strings).document)
+    return bess.System(_differing_document(n_strings, rng), name="differing")
+
+
+def _differing_document(n_strings: int, rng: np.random.Generator) -> dict[str, Any]:
+    document = _reference_document(n_strings)
     ocv = document["battery"]["ocv_v"]
     document["string"] = []
     for m in range(n_strings):
@@ -53,7 +65,7 @@ def differing(n_strings: int, rng: np.random.Generator) -> bess.System:
                 },
             }
         )
-    return bess.System(document, name="differing")
+    return document
 
 
 @dataclass(frozen=True)
@@ -76,16 +88,16 @@ class Case:
         below its least power."""
         n_strings, n_steps = self.limit_kw.shape
         out = np.zeros((n, n_strings, n_steps))
+        limits = self.limit_kw.T.tolist()
         for b in range(n):
-            for t in range(n_steps):
-                left = abs(float(self.demand_kw[t]))
-                order = rng.permutation(n_strings)
+            for t, limit in enumerate(limits):
+                left, order = abs(float(self.demand_kw[t])), rng.permutation(n_strings).tolist()
                 for place, m in enumerate(order):
-                    rest = self.limit_kw[order[place + 1 :], t].sum()
-                    low, high = max(0.0, left - rest), min(left, self.limit_kw[m, t])
-                    share = rng.choice([0.0, 1.0, rng.random()])
-                    out[b, m, t] = low + share * max(high - low, 0.0)
-                    left -= out[b, m, t]
+                    rest = sum(limit[other] for other in order[place + 1 :])
+                    low, high = max(0.0, left - rest), min(left, limit[m])
+                    share = (0.0, 1.0, rng.random())[rng.integers(3)]
+                    out[b, m, t] = power = low + share * max(high - low, 0.0)
+                    left -= power
         return self.set_points(out * self.sign)
 
     def set_points(self, requests: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -138,10 +150,9 @@ def case(
 ) -> Case:
     """A problem with one direction, or one whose direction ``turns`` at random."""
     rng = np.random.default_rng(seed)
-    system = bess.System.reference(n_strings) if like else differing(n_strings, rng)
-    document = copy.deepcopy(system.document)
+    document = _reference_document(n_strings) if like else _differing_document(n_strings, rng)
     document["inverter"]["min_power_kw"] = min_power_kw
-    system = bess.System(document, name=system.name)
+    system = bess.System(document, name="like" if like else "differing")
     (soc_low, soc_high), temperature = CORNERS[corner]
     low = np.array([s.battery.soc_min for s in system.strings])
     high = np.array([s.battery.soc_max for s in system.strings])
