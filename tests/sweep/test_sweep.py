@@ -158,6 +158,17 @@ def test_a_local_cluster_of_processes_is_the_default(tmp_path: Path) -> None:
     assert result.table()["availability_pct"].tolist() == [kpis["availability_pct"]]
 
 
+def test_a_script_that_its_workers_would_run_again_is_told_what_to_write(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text("import bess\nbess.run_sweep('case2', 'out', workers=1, progress=False)\n")
+    ended = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, cwd=tmp_path, timeout=HUNG_S, check=False
+    )
+    last = ended.stderr.strip().splitlines()[-1]
+    assert last.startswith("bess.errors.BessError: the workers of the sweep did not start (")
+    assert last.endswith("call run_sweep under if __name__ == '__main__' there")
+
+
 @pytest.mark.parametrize(
     ("kwargs", "error", "message"),
     [

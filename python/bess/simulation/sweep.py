@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import logging
+import multiprocessing
 import os
 import signal
 import sys
@@ -131,6 +132,7 @@ def _columns(document: Mapping[str, Any], keys: Iterable[str]) -> Iterator[tuple
 _CONNECT_TIMEOUT_S = 20
 # Scenarios run in parallel, so threads inside a worker would compete with other workers.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_UNGUARDED = "workers import the script that sweeps: call run_sweep under if __name__ == '__main__' there"
 
 
 @contextmanager
@@ -150,17 +152,22 @@ def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client]:
         return
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}: needs at least 1")
-    with _interrupts_blocked():
-        cluster = LocalCluster(
-            n_workers=os.cpu_count() if workers is None else workers,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=":0",
-            env=_ONE_THREAD,
-            # Failures are outcomes of scenarios. Other messages of Dask concern workers that are stopped
-            # while busy; their runs are saved.
-            silence_logs=logging.CRITICAL,
-        )
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise BessError(_UNGUARDED)
+    try:
+        with _interrupts_blocked():
+            cluster = LocalCluster(
+                n_workers=os.cpu_count() if workers is None else workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=":0",
+                env=_ONE_THREAD,
+                # Failures are outcomes of scenarios. Other messages of Dask concern workers that are stopped
+                # while busy; their runs are saved.
+                silence_logs=logging.CRITICAL,
+            )
+    except RuntimeError as error:
+        raise BessError(f"the workers of the sweep did not start ({error}); {_UNGUARDED}") from None
     with cluster, Client(cluster) as client:
         yield client
 
