@@ -16,6 +16,7 @@ from synthetic import record
 
 import bess
 from bess.report import write_report
+from once import Once
 
 BASE = {
     "availability_pct": 100.0, "derating_efficiency_pct": 100.0, "inverter_efficiency_pct": 97.0,
@@ -58,8 +59,11 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def case_2(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("report") / "case2"
+def case_2(once: Once) -> Path:
+    return once.made("page-of-case-2", lambda: _written(once.folder / "page-of-case-2"))
+
+
+def _written(directory: Path) -> Path:
     for seed, (name, (w3, w4)) in enumerate(WEIGHTS.items()):
         data = record(2, 96, concentrate=w3, nodes=8, seed=seed)
         write_run(directory / name, data, name, policy={"objectives": {"inverter": w3, "battery": w4}})

@@ -114,6 +114,8 @@ class SimulatedPlant:
         self._cells_c = np.tile(system.initial_state().temperature_c, (2, 1))
         self._clock_s = clock()
         self._said: dict[int, Reading] = {}
+        self._truth: tuple[object, list[Reading]] = None, []
+        """Readings, and what they depend on."""
 
     @property
     def n_strings(self) -> int:
@@ -169,17 +171,24 @@ class SimulatedPlant:
         """Return true readings, ignoring faults of the measurements."""
         with self._lock:
             self._advance()
-            nominal_kw, dead = self.system.nominal_kw, self.faults.dead
-            most_kw = -self._would_deliver(-nominal_kw), self._would_deliver(nominal_kw)
-            limits_kw = np.maximum(most_kw, 0.0)
-            limits_kw[:, list(dead)] = 0.0
-            power_kw = self._would_deliver(self._request_kw())
-            rows = np.vstack([self._plant.state.soc, self._cells_c, power_kw, limits_kw]).T.tolist()
-            beat = int(self.clock())
-            return [
-                Reading(soc, coldest_c, hottest_c, kw, charge_kw, discharge_kw, i in dead, beat)
-                for i, (soc, coldest_c, hottest_c, kw, charge_kw, discharge_kw) in enumerate(rows)
-            ]
+            request_kw, beat = self._request_kw(), int(self.clock())
+            # Each request for a model of a string asks for the readings of all strings.
+            cause = self._clock_s, beat, frozenset(self.faults.dead), request_kw.tobytes()
+            if cause != self._truth[0]:
+                self._truth = cause, self._true_readings(request_kw, beat)
+            return self._truth[1]
+
+    def _true_readings(self, request_kw: NDArray[np.float64], beat: int) -> list[Reading]:
+        nominal_kw, dead = self.system.nominal_kw, self.faults.dead
+        most_kw = -self._would_deliver(-nominal_kw), self._would_deliver(nominal_kw)
+        limits_kw = np.maximum(most_kw, 0.0)
+        limits_kw[:, list(dead)] = 0.0
+        power_kw = self._would_deliver(request_kw)
+        rows = np.vstack([self._plant.state.soc, self._cells_c, power_kw, limits_kw]).T.tolist()
+        return [
+            Reading(soc, coldest_c, hottest_c, kw, charge_kw, discharge_kw, i in dead, beat)
+            for i, (soc, coldest_c, hottest_c, kw, charge_kw, discharge_kw) in enumerate(rows)
+        ]
 
     def _request_kw(self) -> NDArray[np.float64]:
         request, stopped = np.zeros(self.n_strings), self.faults.dead | self.faults.deaf

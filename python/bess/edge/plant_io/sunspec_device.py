@@ -12,6 +12,7 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import cache
 from typing import Any, Final
 
 from pymodbus.client import AsyncModbusTcpClient
@@ -81,6 +82,7 @@ def registers_of(model: Any, name: str, content: int) -> list[int]:
     return _registers(point.info.to_data(content, 2 * point.len))
 
 
+@cache
 def offset(model_id: int, name: str) -> int:
     """Return the offset of a point in its model, in registers."""
     return int(Model(model_id).points[name].offset)
