@@ -45,18 +45,24 @@ def year(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def opened(browser: Any, page: Path, width: int, height: int = 900) -> list[Any]:
-    """Open the page at a size, scroll through it until every figure is drawn, and return its charts."""
+    """Open the page at a size, scroll through it until every figure is drawn, and return its charts.
+
+    Then it shows its top, where the bar of links lies on nothing.
+    """
     from selenium.webdriver.support.ui import WebDriverWait
 
     metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     browser.get_log("browser")
     browser.get(page.as_uri())
-    charts = browser.find_elements("css selector", ".chart")
-    assert charts
+    wait = WebDriverWait(browser, 60)
+    # With a busy processor a page is there before its parts.
+    wait.until(lambda _: browser.execute_script("return document.readyState") == "complete")
+    charts = wait.until(lambda _: browser.find_elements("css selector", ".chart"))
     for chart in charts:
         browser.execute_script("arguments[0].closest('figure').scrollIntoView()", chart)
-        WebDriverWait(browser, 30).until(lambda _, chart=chart: browser.execute_script(DRAWN, chart))
+        wait.until(lambda _, chart=chart: browser.execute_script(DRAWN, chart))
+    browser.execute_script("scrollTo(0, 0)")
     return charts
 
 
