@@ -45,6 +45,20 @@ def one(directory: Path, **changes: object) -> dict[str, Run]:
     return runs_in(directory / "run")[0]
 
 
+@pytest.mark.parametrize(
+    ("mode", "gain_kwh", "said"),
+    [("certified", -9.0, True), ("certified", 9.0, False), ("plan", -9.0, False)],
+)
+def test_certified_splits_that_lose_more_than_a_rule_point_to_plans(
+    mode: str, gain_kwh: float, said: bool, tmp_path: Path
+) -> None:
+    write_run(tmp_path / "run", record(2, 96), policy={"mode": mode})
+    runs = runs_in(tmp_path / "run")[0]
+    (run,) = runs.values()
+    run.kpis["gain_kwh"] = gain_kwh
+    assert any("Plans look a day ahead" in sentence for sentence in summary(runs)) == said
+
+
 def test_a_clean_run_has_no_warnings(tmp_path: Path) -> None:
     assert warnings(one(tmp_path), {}) == []
 

@@ -47,6 +47,7 @@ def summary(runs: Mapping[str, Run], *, hindsight: bool = False) -> list[str]:
     first = next(iter(runs.values()))
     if len(runs) == 1:
         said = [*_one_run(first), *event_sentences(runs), *spread_sentences(runs), *_gap_sentence(first)]
+        said += _short_horizon(first)
     else:
         judged = [*_alike(runs), *([] if unlike(runs) else _compared(runs))]
         said = [*judged, *event_sentences(runs), *spread_sentences(runs)]
@@ -162,6 +163,18 @@ def _gap_sentence(run: Run) -> Iterator[str]:
         f"Rigorous gap of the splits: {middle:.2g} % (median), {worst:.2g} % (worst of "
         f"{int(known.sum()):,} steps), or {_kwh(worth)} of the undelivered energy and losses in these steps."
     )
+
+
+def _short_horizon(run: Run) -> Iterator[str]:
+    """Why certified splits can lose more than a rule, and what looks further ahead."""
+    if (
+        run.study.get("policy", {}).get("mode") == "certified"
+        and run.kpis.get("gain_kwh", 0.0) < -_MIN_MENTIONED_KWH
+    ):
+        yield (
+            "Certified splits see no heat and charge beyond their short horizon, so a rule can lose less. "
+            'Plans look a day ahead: omit policy.mode, and choose policy.objectives.kind = "energy".'
+        )
 
 
 def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str]:
