@@ -30,3 +30,13 @@ def command(*words: str, folder: Path | None = None) -> subprocess.CompletedProc
         finally:
             signal.signal(signal.SIGTERM, on_sigterm)
     return subprocess.CompletedProcess(words, status, stdout.getvalue(), stderr.getvalue())
+
+
+def refused(*words: str, folder: Path | None = None) -> str:
+    """The one line on standard error of a command that ends with status 2."""
+    ended = command(*words, folder=folder)
+    assert ended.returncode == 2, ended.stderr
+    assert ended.stdout == ""
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith("bess: ") and len(line) > 12
+    return line

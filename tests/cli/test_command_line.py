@@ -14,7 +14,7 @@ from bess.cli.records import kpi_table
 from bess.cli.studies import findings
 from bess.control.policies import POLICIES
 from bess.study import bundled_studies
-from commands import command
+from commands import command, refused
 
 SHARED = Path(__file__).parents[3] / "shared/data/prices"
 PRICES = SHARED / "smard_de_viertelstunde_2024_berechnet_resaved.csv"
@@ -22,16 +22,6 @@ PRICES = SHARED / "smard_de_viertelstunde_2024_berechnet_resaved.csv"
 
 def process(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "bess", *words], capture_output=True, text=True, check=False)
-
-
-def refused(*words: str, folder: Path | None = None) -> str:
-    """The one line on standard error of a command that ends with status 2."""
-    ended = command(*words, folder=folder)
-    assert ended.returncode == 2, ended.stderr
-    assert ended.stdout == ""
-    lines = ended.stderr.strip().splitlines()
-    assert len(lines) == 1 and lines[0].startswith("bess: "), ended.stderr
-    return lines[0]
 
 
 def test_help_and_version_load_none_of_the_heavy_libraries() -> None:

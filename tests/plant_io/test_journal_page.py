@@ -1,7 +1,5 @@
 """The page of a journal: sums and means from every reading, and gaps that stay gaps."""
 
-import subprocess
-import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import bess
 from bess.edge.plant_io import Measurements
 from bess.edge.plant_io.journal import Journal, open_journal
 from bess.edge.plant_io.journal_page import MAX_BINS, in_bins, modelled_losses, write_journal_report
+from commands import command
 
 SYSTEM = bess.System.reference(n_strings=2)
 START = datetime(2026, 11, 21, tzinfo=UTC)
@@ -93,12 +92,9 @@ def test_the_page_says_what_was_watched_and_what_was_missing(folder: Path) -> No
     ]
 
 
-@pytest.mark.process
 def test_report_and_export_know_a_journal(folder: Path) -> None:
-    for command in ("report", "export"):
-        done = subprocess.run(
-            [sys.executable, "-m", "bess", command, str(folder)], capture_output=True, text=True, check=False
-        )
+    for word in ("report", "export"):
+        done = command(word, str(folder))
         assert (done.returncode, done.stderr) == (0, "")
     rows = (folder / "record.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == 1 + open_journal(folder).sizes["time"]

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import signal
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import bess
-from bess.cli import main
+from commands import refused
 
 ROWS = [f"2024-06-01T{hour:02d}:{minute:02d}Z,10" for hour in range(8) for minute in (0, 15, 30, 45)]
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A working folder with things that are no input; the handler the command installs is taken away."""
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with things that are no input."""
     monkeypatch.chdir(tmp_path)
     Path("folder").mkdir()
     Path("file").write_text("x")
@@ -26,21 +23,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     Path("bytes.toml").write_bytes(bytes(range(256)))
     Path("broken.toml").write_text("a = = 1")
     Path("typo.toml").write_text('[demand]\nfile = "two-cycle-48h"\n[polcy]\nname = "equal"\n')
-    handler = signal.getsignal(signal.SIGTERM)
-    yield tmp_path
-    signal.signal(signal.SIGTERM, handler)
-
-
-def refused(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *words: str) -> str:
-    monkeypatch.setattr(sys, "argv", ["bess", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    said = capsys.readouterr()
-    assert ended.value.code == 2, said.err
-    assert said.out == ""
-    (line,) = said.err.splitlines()
-    assert line.startswith("bess: ") and len(line) > 12
-    return line
+    return tmp_path
 
 
 def of(*settings: str) -> list[str]:
@@ -73,12 +56,10 @@ PROFILES = {
 
 
 @pytest.mark.parametrize("what", PROFILES)
-def test_a_profile_with(
-    what: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_profile_with(what: str) -> None:
     rows, expected = PROFILES[what]
     Path("load.csv").write_text("\n".join(["time,power_kw", *rows]) + "\n")
-    line = refused(capsys, monkeypatch, *of("demand.file=load.csv", "demand.repeat=false"))
+    line = refused(*of("demand.file=load.csv", "demand.repeat=false"))
     assert "load.csv" in line and expected in line
     with pytest.raises(bess.InputError, match=r"load\.csv"):
         study = bess.load_study("case1", {"demand.file": "load.csv", "policy.name": "equal"})
@@ -149,8 +130,8 @@ BAD_SETTINGS = {
 
 
 @pytest.mark.parametrize("setting", BAD_SETTINGS)
-def test_a_setting(setting: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    assert BAD_SETTINGS[setting] in refused(capsys, monkeypatch, *of(setting))
+def test_a_setting(setting: str) -> None:
+    assert BAD_SETTINGS[setting] in refused(*of(setting))
     assert not Path("out").exists()
 
 
@@ -181,11 +162,9 @@ BAD_COMMANDS = {
 
 
 @pytest.mark.parametrize("words", BAD_COMMANDS, ids=" ".join)
-def test_a_command(
-    words: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command(words: tuple[str, ...]) -> None:
     quick = () if words[0] == "report" or words[1] != "case1" else ("--set", "policy.name=equal")
-    assert BAD_COMMANDS[words] in refused(capsys, monkeypatch, *words, *quick)
+    assert BAD_COMMANDS[words] in refused(*words, *quick)
 
 
 def test_demand_above_the_plant_is_split_at_full_power_and_the_rest_is_unmet() -> None:

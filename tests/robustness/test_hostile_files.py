@@ -4,7 +4,6 @@ import gzip
 import json
 import os
 import signal
-import sys
 import time
 import zipfile
 from pathlib import Path
@@ -16,12 +15,12 @@ import pytest
 import bess
 from bess import files
 from bess.arrays import real_numbers
-from bess.cli import main
 from bess.control.policies import POLICIES
 from bess.control.policies.rule import RulePolicy
 from bess.dispatch import PerfectForecast, read_profile
 from bess.study import expand
 from bess.system.components import read_ocv
+from commands import command
 
 QUICK = {"policy.name": "equal", "run.days": 0.25}
 READERS = {
@@ -47,18 +46,6 @@ def no_hang():
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
-
-
-def command(monkeypatch, capsys, *words):
-    """Exit status and what the command said on standard error."""
-    monkeypatch.setattr(sys, "argv", ["bess", *map(str, words)])
-    handler = signal.getsignal(signal.SIGTERM)
-    try:
-        with pytest.raises(SystemExit) as ended:
-            main()
-    finally:
-        signal.signal(signal.SIGTERM, handler)
-    return ended.value.code, capsys.readouterr().err
 
 
 # --- what is no file ---------------------------------------------------------------------------------------
@@ -204,15 +191,15 @@ def test_parquet_without_rows_or_with_odd_columns_is_refused(tmp_path):
         "[inverter]\nmodel = {}", "[[string]]\nbattery = 7", "[thermal]\nspatial = 1",
     ],
 )  # fmt: skip
-def test_a_system_of_odd_types_is_one_sentence_in_a_study_too(text, tmp_path, monkeypatch, capsys):
+def test_a_system_of_odd_types_is_one_sentence_in_a_study_too(text, tmp_path):
     (tmp_path / "plant.toml").write_text(text)
     for values in ({}, {"system.initial_soc": 0.5}, {"system.n_strings": 2}):
         study = bess.load_study("case1", QUICK | values | {"system.file": str(tmp_path / "plant.toml")})
         with pytest.raises(bess.InputError, match=r"plant\.toml"):
             bess.run(study, progress=False)
     settings = ["--set", f"system.file={tmp_path / 'plant.toml'}", "--set", "policy.name=equal"]
-    code, said = command(monkeypatch, capsys, "check", "case1", *settings)
-    assert code == 2 and len(said.splitlines()) == 1
+    ended = command("check", "case1", *settings)
+    assert ended.returncode == 2 and len(ended.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize(
@@ -232,13 +219,13 @@ def test_a_sweep_of_a_billion_points_is_refused_at_once(axis):
     assert time.process_time() - started < 5.0
 
 
-def test_a_folder_of_an_impossible_name_is_refused(monkeypatch, capsys, tmp_path):
+def test_a_folder_of_an_impossible_name_is_refused(tmp_path):
     for name in ("a\0b", "x" * 300, str(tmp_path / ("y" * 300))):
         for call in (bess.run, bess.run_scenarios):
             with pytest.raises(bess.InputError, match="not a results folder"):
                 call(bess.load_study("case1", QUICK), out=name, progress=False)
-        code, _ = command(monkeypatch, capsys, "run", "case1", "--out", name, "--set", "policy.name=equal")
-        assert code == 2
+        ended = command("run", "case1", "--out", name, "--set", "policy.name=equal")
+        assert ended.returncode == 2
 
 
 # --- damaged results ---------------------------------------------------------------------------------------
@@ -287,12 +274,12 @@ def looked_at(folder):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["results.nc", "kpis.json", "run.json", "log.jsonl", "study.toml"])
-def test_a_report_of_a_damaged_result_is_one_sentence_or_drawn(name, finished, tmp_path, monkeypatch, capsys):
+def test_a_report_of_a_damaged_result_is_one_sentence_or_drawn(name, finished, tmp_path):
     for damage in DAMAGES.values():
         for file, raw in finished.items():
             (tmp_path / file).write_bytes(damage(raw) if file == name else raw)
-        code, said = command(monkeypatch, capsys, "report", tmp_path)
-        assert code in (0, 2) and len(said.splitlines()) <= 1
+        ended = command("report", str(tmp_path))
+        assert ended.returncode in (0, 2) and len(ended.stderr.splitlines()) <= 1
 
 
 def test_damaged_key_figures_are_made_again_from_the_record(finished, tmp_path):

@@ -14,12 +14,12 @@ pytest.importorskip("fastapi")
 
 from http_cases import BEARER, TOKEN, TestClient
 
-from bess.cli import main
 from bess.edge.serve.app import build_app
 from bess.edge.serve.gate import Names, Rate, check_token, exposure, is_allowed, read_token
 from bess.edge.serve.service import Service
 from bess.errors import InputError
 from bess.study import load_study
+from commands import refused
 
 STRING = {"soc": 0.5, "temperature_c": 25.0}
 GOOD = {"demand_kw": 78.0, "strings": [STRING, STRING]}
@@ -221,15 +221,9 @@ def test_only_this_machine_is_listened_to_without_a_token() -> None:
             check_token(host, None, drives=False)
 
 
-def test_a_plant_is_driven_with_a_token_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_plant_is_driven_with_a_token_only(tmp_path: Path) -> None:
     for plant in ("openems=http://x:owner@127.0.0.1:1", "sunspec=127.0.0.1:1"):
-        monkeypatch.setattr("sys.argv", ["bess", "serve", "case1", "--plant", plant])
-        with pytest.raises(SystemExit, match="2"):
-            main()
-        (line,) = capsys.readouterr().err.splitlines()
+        line = refused("serve", "case1", "--plant", plant, folder=tmp_path)
         assert line.startswith("bess: --plant: ") and "--token-file FILE" in line and "--shadow" in line
     check_token("127.0.0.1", None, drives=False)
     assert list(tmp_path.iterdir()) == []

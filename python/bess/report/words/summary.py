@@ -45,12 +45,11 @@ def subject(runs: Mapping[str, Run], *, alike: bool = True) -> str:
 def summary(runs: Mapping[str, Run], *, hindsight: bool = False) -> list[str]:
     """Sentences on the results; with ``hindsight``, the page shows it beside them."""
     first = next(iter(runs.values()))
+    events = [*event_sentences(runs), *spread_sentences(runs)]
     if len(runs) == 1:
-        said = [*_one_run(first), *event_sentences(runs), *spread_sentences(runs), *_gap_sentence(first)]
-        said += _short_horizon(first)
+        said = [*_one_run(first), *events, *_gap_sentence(first), *_short_horizon(first)]
     else:
-        judged = [*_alike(runs), *([] if unlike(runs) else _compared(runs))]
-        said = [*judged, *event_sentences(runs), *spread_sentences(runs)]
+        said = [*_alike(runs), *([] if unlike(runs) else _compared(runs)), *events]
     return [*said, *_plan_sentences(runs, hindsight=hindsight)]
 
 
