@@ -84,11 +84,11 @@ $(VENV)/built: $(VENV)/tools .ci/constraints.txt $(RUST_SOURCES)
 	$(BIN)/maturin develop --release --locked --extras all --uv
 	touch $@
 
-# The newest versions of everything that `make` installs, written down so that the next ones install the same.
+# The newest versions of everything that `make` installs, on every supported Python and system, written down so that
+# the next ones install the same.
 lock: $(VENV)/tools
-	$(BIN)/maturin develop --release --locked --extras all
-	$(BIN)/python -m pip install --quiet --upgrade --upgrade-strategy eager --group dev --group docs --group wheels
-	$(BIN)/python -m pip freeze --exclude-editable > .ci/constraints.txt
+	$(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --no-header --no-annotate \
+		--all-extras --group dev --group docs --group wheels --output-file .ci/constraints.txt pyproject.toml
 
 # Stores the public surface as it is now (docs/stability.md).
 surface: $(VENV)/built
