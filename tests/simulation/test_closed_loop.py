@@ -257,6 +257,37 @@ def test_real_prices_and_weather_make_a_demand_that_earns_money() -> None:
     assert result.dataset.ambient_c.values.std() > 0.0
 
 
+def test_scenarios_read_a_price_file_once_and_a_changed_file_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[str] = []
+    original = bess.market.read_prices
+
+    def counted(file: str, *arguments: Any, **keywords: Any) -> pd.Series:
+        read.append(file)
+        return original(file, *arguments, **keywords)
+
+    monkeypatch.setattr(bess.market, "read_prices", counted)
+    hours = pd.date_range("2024-03-01", periods=48, freq="h", tz="UTC")
+
+    def earned(level: float) -> list[np.ndarray]:
+        prices = pd.DataFrame({"time": hours, "price": level + 20.0 * np.sin(np.arange(48) / 4)})
+        prices.to_csv(tmp_path / "prices.csv", index=False)
+        values = {"demand.prices": str(tmp_path / "prices.csv"), "demand.plan": "linear", "run.days": 1}
+        studies = [
+            bess.load_study("arbitrage-2024", values | {"run.start": hours[0].isoformat(), "policy.name": name})
+            for name in ("equal", "soc")
+        ]
+        runs = [bess.run(study, progress=False) for study in studies]
+        return [run.dataset.price_eur_mwh.to_numpy() for run in runs]
+
+    first, second = earned(60.0)
+    assert len(read) == 1
+    np.testing.assert_array_equal(first, second)
+    np.testing.assert_allclose(earned(90.0)[0], first + 30.0)
+    assert len(read) == 2
+
+
 @pytest.mark.parametrize(
     ("name", "broken", "expected"),
     [("soc", np.nan, "step 3: the plant returned soc"), ("delivered_kw", np.inf, "returned delivered_kw")],

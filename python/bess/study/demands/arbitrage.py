@@ -39,6 +39,7 @@ from bess.study.demands.source import (
     Setting,
     StepInputs,
     padded,
+    prices_of,
 )
 from bess.study.grid import SampledSeries, TimeGrid
 from bess.study.sections import RunName, TimeZone
@@ -194,9 +195,7 @@ class ArbitrageDemand(DemandSection):
         return RunDemand(grid, source, price + fee_eur_mwh, series)
 
     def _read(self, file: str, product: str | None, zone: str | None = None) -> pd.Series[float]:
-        from bess.market import read_prices
-
-        return read_prices(file, zone or self.zone, product, time_zone=self.time_zone, fill=self.fill)
+        return prices_of(file, zone or self.zone, product, time_zone=self.time_zone, fill=self.fill)
 
     def _to_the_end(
         self, setting: Setting, grid: TimeGrid, read: pd.Series[float], file: str, key: str

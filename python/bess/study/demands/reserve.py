@@ -32,6 +32,7 @@ from bess.study.demands.source import (
     Setting,
     StepInputs,
     padded,
+    prices_of,
 )
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.keys import check_bundled
@@ -182,8 +183,6 @@ class FcrDemand(DemandSection):
 
     def _energy_price(self, setting: Setting, grid: TimeGrid) -> Array:
         """Return the price of energy in each step [EUR/MWh]."""
-        from bess.market import read_prices
-
         file, key = self.prices, "demand.prices"
         if file is None:
             return np.full(grid.n_steps, self.energy_price_eur_mwh)
@@ -194,7 +193,7 @@ class FcrDemand(DemandSection):
             first_s = grid.start_s // _HOUR_S * _HOUR_S
             price = SampledSeries(values, first_s, _HOUR_S, "the bundled week of prices", key)
         else:
-            price = setting.series_of(read_prices(file, self.zone), file, key)
+            price = setting.series_of(prices_of(file, self.zone), file, key)
         setting.note(f"prices: {'a bundled week' if file == SYNTHETIC else file}", price)
         return price.on(grid)
 

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
@@ -46,6 +47,23 @@ class DemandSection(Section):
     @abstractmethod
     def build(self, setting: Setting) -> RunDemand:
         """Read the files of the section and resample them to the control steps of the run."""
+
+
+def prices_of(file: str, zone: str, product: str | None = None, **reading: Any) -> pd.Series[float]:
+    """Return the prices in a file; scenarios that share it read it once."""
+    try:
+        found = Path(file).stat()
+        version = (found.st_dev, found.st_ino, found.st_mtime_ns, found.st_size)
+    except (OSError, ValueError):
+        version = ()  # the reader says what is wrong
+    return _prices(version, file, zone, product, **reading)
+
+
+@lru_cache(maxsize=8)
+def _prices(_: tuple[int, ...], file: str, zone: str, product: str | None, **reading: Any) -> pd.Series[float]:
+    from bess.market import read_prices
+
+    return read_prices(file, zone, product, **reading)
 
 
 @dataclass(frozen=True)
