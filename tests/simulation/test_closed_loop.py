@@ -273,10 +273,14 @@ def test_scenarios_read_a_price_file_once_and_a_changed_file_anew(
     def earned(level: float) -> list[np.ndarray]:
         prices = pd.DataFrame({"time": hours, "price": level + 20.0 * np.sin(np.arange(48) / 4)})
         prices.to_csv(tmp_path / "prices.csv", index=False)
-        values = {"demand.prices": str(tmp_path / "prices.csv"), "demand.plan": "linear", "run.days": 1}
+        values = {
+            "demand.prices": str(tmp_path / "prices.csv"),
+            "demand.plan": "linear",
+            "run.start": hours[0].isoformat(),
+            "run.days": 1,
+        }
         studies = [
-            bess.load_study("arbitrage-2024", values | {"run.start": hours[0].isoformat(), "policy.name": name})
-            for name in ("equal", "soc")
+            bess.load_study("arbitrage-2024", values | {"policy.name": name}) for name in ("equal", "soc")
         ]
         runs = [bess.run(study, progress=False) for study in studies]
         return [run.dataset.price_eur_mwh.to_numpy() for run in runs]

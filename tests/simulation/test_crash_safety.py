@@ -22,6 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bess
+import bess.simulation.record.dataset as dataset_module
 import bess.simulation.record.provenance as identity_module
 import bess.simulation.runner as run_module
 from bess.checkpoints import from_json, to_json
@@ -105,6 +106,30 @@ def test_a_run_on_disk_is_the_run_in_memory(short: Study, small_parts: None, tmp
     result = bess.run(short, progress=False, out=tmp_path / "run")
     assert_same(tmp_path / "run", bess.run(short, progress=False))
     assert result.dataset.identical(bess.open_result(tmp_path / "run"))
+
+
+def test_a_disk_that_fills_up_while_the_record_is_written_costs_nothing(
+    short: Study, small_parts: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another process may take the space between the check and the writing."""
+    resource = pytest.importorskip("resource")
+    check, checks = dataset_module._try_size, itertools.count()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def check_and_fill(path: Path, size: int) -> None:
+        check(path, size)
+        if next(checks) == 0:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size // 16, before[1]))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(dataset_module, "_try_size", check_and_fill)
+        try:
+            with pytest.raises(bess.BessError, match=r"results\.nc: the disk is full, make room"):
+                bess.run(short, progress=False, out=tmp_path / "run")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    bess.run(short, progress=False, out=tmp_path / "run", resume=True)
+    assert_same(tmp_path / "run", bess.run(short, progress=False))
 
 
 @pytest.mark.parametrize("call", ["fsync", "replace"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -51,16 +52,17 @@ class DemandSection(Section):
 
 def prices_of(file: str, zone: str, product: str | None = None, **reading: Any) -> pd.Series[float]:
     """Return the prices in a file; scenarios that share it read it once."""
-    try:
+    version: tuple[int, ...] = ()
+    with suppress(OSError, ValueError):  # the reader says what is wrong
         found = Path(file).stat()
         version = (found.st_dev, found.st_ino, found.st_mtime_ns, found.st_size)
-    except (OSError, ValueError):
-        version = ()  # the reader says what is wrong
     return _prices(version, file, zone, product, **reading)
 
 
 @lru_cache(maxsize=8)
-def _prices(_: tuple[int, ...], file: str, zone: str, product: str | None, **reading: Any) -> pd.Series[float]:
+def _prices(
+    _: tuple[int, ...], file: str, zone: str, product: str | None, **reading: Any
+) -> pd.Series[float]:
     from bess.market import read_prices
 
     return read_prices(file, zone, product, **reading)
