@@ -33,7 +33,7 @@ def test_help_and_version_load_none_of_the_heavy_libraries() -> None:
         "matplotlib",
         "distributed",
         "bokeh",
-        "netCDF4",
+        "h5py",
         "numpy",
     }
     for words in (["--help"], ["--version"], ["run", "--help"]):

@@ -102,7 +102,7 @@ def test_links_of_the_readme_into_the_repository_lead_to_files() -> None:
 def test_the_recipe_needs_what_the_package_needs() -> None:
     recipe = (ROOT / "conda" / "recipe.yaml").read_text("utf-8")
     for needed in PROJECT["dependencies"]:
-        assert f"- {needed.lower().replace('>=', ' >=')}\n" in recipe
+        assert f"- {needed.replace('>=', ' >=')}\n" in recipe
 
 
 def test_licences_are_there_for_the_versions_that_are_compiled_in() -> None:

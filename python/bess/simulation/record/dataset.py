@@ -6,7 +6,6 @@ import itertools
 import json
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -164,7 +163,6 @@ def dataset_of(frame: Mapping[str, Any], records: Iterator[tuple[int, Record]]) 
 
 _CHUNK_STEPS = 960
 _BATCH_BYTES = 8_000_000
-_CACHE_BYTES = 1 << 16
 _BOOK_KEEPING_BYTES = 1 << 18
 _ZEROS = bytes(1 << 20)
 
@@ -177,50 +175,26 @@ def write_netcdf(path: Path, frame: Mapping[str, Any], records: Iterator[tuple[i
     OSError
         Writing failed; ``path`` is then invalid.
     """
+    import h5netcdf
+
     batches = _batches(records)
     first_batch = next(batches)
-    size = _largest_size(first_batch[1], frame["n_steps"])
-    # HDF5 may crash the process if a write fails, so the disk space is checked first.
-    _try_size(path, size)
-    try:
-        _write(path, frame, itertools.chain([first_batch], batches))
-    except RuntimeError as error:
-        _try_size(path, size)  # raises the error of the system, which the library does not pass on
-        raise OSError(str(error)) from error
-
-
-@contextmanager
-def small_caches() -> Iterator[None]:
-    """Files opened herein keep no chunks in memory: all are read and written whole, and once.
-
-    The library would keep 64 MiB of each variable.
-    """
-    import netCDF4
-
-    before = netCDF4.get_chunk_cache()
-    netCDF4.set_chunk_cache(_CACHE_BYTES)
-    try:
-        yield
-    finally:
-        netCDF4.set_chunk_cache(*before)
-
-
-def _write(path: Path, frame: Mapping[str, Any], batches: Iterator[tuple[int, Record]]) -> None:
-    import netCDF4
-
     n_steps, attrs = frame["n_steps"], _attrs(frame)
-    variables: dict[str, Any] = {}
-    with small_caches(), netCDF4.Dataset(path, "w") as file:
-        file.setncatts(_attrs_of_run(frame))
-        file.createDimension("time", n_steps)
-        time = file.createVariable("time", np.int64, ("time",))
-        time.setncatts({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
-        time.setncattr("long_name", _TIME)
+    # HDF5 crashes the process if a write fails, so the disk space is checked first.
+    _try_size(path, _largest_size(first_batch[1], n_steps))
+    with h5netcdf.File(path, "w") as file:
+        file.attrs.update(_attrs_of_run(frame))
+        file.dimensions = {"time": n_steps}
+        time = file.create_variable("time", ("time",), np.int64)
+        time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
+        time.attrs["long_name"] = _TIME
         time[:] = _grid(frame).times.astype(np.int64)
-        for first, record in batches:
+        # Looked up once, because every look-up in the file reopens the variable.
+        variables = {
+            name: _create(file, name, values, n_steps, attrs[name]) for name, values in first_batch[1].items()
+        }
+        for first, record in itertools.chain([first_batch], batches):
             for name, values in record.items():
-                if name not in variables:
-                    variables[name] = _create(file, name, values, n_steps, attrs[name])
                 variables[name][first : first + len(values)] = values
 
 
@@ -258,19 +232,15 @@ def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Map
     variable = VARIABLES[name]
     for dimension, size in zip(variable.dims[1:], values.shape[1:], strict=True):
         if dimension not in file.dimensions:
-            file.createDimension(dimension, size)
-            index = file.createVariable(dimension, np.int64, (dimension,))
-            index.setncattr("long_name", _index_of(dimension))
+            file.dimensions[dimension] = size
+            index = file.create_variable(dimension, (dimension,), np.int64)
+            index.attrs["long_name"] = _index_of(dimension)
             index[:] = np.arange(size)
-    created = file.createVariable(
-        name,
-        np.dtype(variable.dtype),
-        variable.dims,
-        chunksizes=(min(n_steps, _CHUNK_STEPS), *values.shape[1:]),
-        fletcher32=True,
-        fill_value=False,
+    chunks = (min(n_steps, _CHUNK_STEPS), *values.shape[1:])
+    created = file.create_variable(
+        name, variable.dims, np.dtype(variable.dtype), chunks=chunks, fletcher32=True
     )
-    created.setncatts(attrs)
+    created.attrs.update(attrs)
     return created
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -28,11 +29,14 @@ def clear_errors(path: Path, remedy: str = RESUME) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+        # HDF5 reports the number of the operating system's error in its text only.
+        found = re.search(r"errno = (\d+)", str(error))
+        code = int(found[1]) if error.errno is None and found else error.errno
+        if code in (errno.EACCES, errno.EPERM, errno.EROFS):
             raise BessError(
                 f"{path}: cannot be written ({error.strerror or error}); use another folder"
             ) from error
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        full = code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         cause = "the disk is full, make room" if full else f"cannot be written ({error.strerror or error})"
         raise BessError(f"{path}: {cause}; everything saved before is intact, {remedy}") from error
 

@@ -14,7 +14,7 @@ from bess.arrays import Array
 from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.optional_dependencies import extra
-from bess.simulation.record.dataset import dataset_of, small_caches
+from bess.simulation.record.dataset import dataset_of
 from bess.simulation.record.files import check_file
 from bess.simulation.record.provenance import IDENTITY, read_identity
 from bess.simulation.record.store import parts, read_record, records
@@ -133,8 +133,7 @@ def open_netcdf(path: Path) -> xr.Dataset:
 
     try:
         check_file(path)
-        with small_caches():
-            return xr.open_dataset(path, engine="netcdf4")
+        return xr.open_dataset(path, engine="h5netcdf")
     except (OSError, ValueError, KeyError, RuntimeError, TypeError) as error:
         what = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{path}: is damaged ({what}); delete the folder and run the study again") from error
