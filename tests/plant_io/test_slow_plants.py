@@ -1,9 +1,12 @@
 """Plants that are slow, that trickle, or that never answer: every call ends in its time, none starves."""
 
+import asyncio
+import gc
 import select
 import socket
 import socketserver
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -121,6 +124,18 @@ def test_a_link_survives_deadlines_at_every_moment_of_a_call(
                     link.write(np.full(4, 10.0))
         link.write(np.full(4, 20.0))
         assert [plant.holds(string)[0] for string in range(4)] == [20.0] * 4  # type: ignore[index]
+
+
+def test_connections_are_closed_even_if_the_machine_is_busy(connecting: Connecting) -> None:
+    with SimulatedEdge(SimulatedPlant(bess.System.reference(n_strings=1))) as edge:
+        link = connecting(edge.address, 1)
+        link.read()
+        loop: asyncio.AbstractEventLoop = link._calls._loop  # type: ignore[attr-defined]
+        loop.call_soon_threadsafe(time.sleep, 1.2)
+        link.close()
+        assert loop.is_closed()
+        del link, loop
+        gc.collect()  # finds a connection that was left open: a ResourceWarning fails the test
 
 
 def test_32_strings_at_120_ms_a_call_are_all_written_in_one_round(connecting: Connecting) -> None:

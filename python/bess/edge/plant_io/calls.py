@@ -57,15 +57,21 @@ class Calls:
             raise
 
     def close(self, last: Coroutine[Any, Any, None]) -> None:
-        """Run a last coroutine, which may fail, cancel all others, and end; a second call does nothing."""
+        """Run a last coroutine, which may fail, cancel all others, and end; a second call does nothing.
+
+        The loop ends by itself, so that connections are closed even if it is late.
+        """
         if self._closed:
             last.close()
             return
         self._closed = True
+        asyncio.run_coroutine_threadsafe(self._end(last), self._loop)
+        self._thread.join(DEADLINE_S + CLOSING_TIME_S)
+
+    async def _end(self, last: Coroutine[Any, Any, None]) -> None:
         with suppress(Exception):
-            self(last, CLOSING_TIME_S)
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(CLOSING_TIME_S)
+            await asyncio.wait_for(last, DEADLINE_S)
+        self._loop.stop()
 
     def _run(self) -> None:
         with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
