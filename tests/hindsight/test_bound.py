@@ -64,8 +64,8 @@ def test_where_there_is_nothing_to_choose_the_bound_is_what_the_plant_loses(seed
     assert 0.94 * lost <= bound <= lost
 
 
-def test_seven_days_of_two_cycles_lose_six_hundred_and_twenty_five_kilowatt_hours_at_least() -> None:
-    """The best schedule known loses 706 kWh. One band of temperature proved 621."""
+def test_seven_days_of_two_cycles_lose_six_hundred_and_thirty_five_kilowatt_hours_at_least() -> None:
+    """The best schedule known loses 706 kWh. One band of temperature proved 621, any number on 630."""
     plant, demand_kw = bess.System.reference(2), np.tile(bundled_profile("two-cycle-48h"), 4)[:672]
     bound = lower_bound(
         plant,
@@ -75,7 +75,7 @@ def test_seven_days_of_two_cycles_lose_six_hundred_and_twenty_five_kilowatt_hour
         np.full(672, 25.0),
         step_s=STEP_S,
     )
-    assert 625.0 < bound < 707.0
+    assert 635.0 < bound < 707.0
 
 
 def test_fine_levels_give_the_higher_bound() -> None:

@@ -1,9 +1,10 @@
 """A lower bound on undelivered energy and losses of any split of a demand: one linear program over a run.
 
-The variables are means over control steps, summed over identical strings. Strings that are on have, once for
-those that derate and once for the others, delivered power ``p``, inverter loss ``w``, heat ``h``, number
-``o``, sum ``q`` of temperature excesses ``theta``, and, for each level of charge, chemical power ``x``. All
-strings have the sum ``s`` of excesses and the energy ``e`` of each level.
+The variables are means over control steps, summed over identical strings. Strings that are on have delivered
+power ``p``, inverter loss ``w``, heat ``h``, number ``o``, sum ``q`` of temperature excesses ``theta``, and,
+for each level of charge, chemical power ``x``; all of these once for strings that derate and once for the
+others, and both for the time in which one string is on and for that in which several are. All strings have
+the sum ``s`` of excesses and the energy ``e`` of each level.
 Charging below the inverter loss takes the power ``burnt``, discharges each level by ``y`` and heats by ``n``.
 Every operation of the plant satisfies all rows at no lower cost; ``docs/hindsight.md`` has the proof.
 """
@@ -32,8 +33,9 @@ from bess.simulation.hindsight.relaxed_string import (
 from bess.simulation.hindsight.thermal_rates import thermal_rates
 from bess.system import State, System
 
-_HEAT_LEVELS = np.array([0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.5, 2.2])
-"""Loads, as shares of the maximum, at which tangents support the heat parabola from below."""
+_HEAT_LEVELS = np.geomspace(0.08, 1.7, 24)
+"""Chemical powers, as shares of the power typical of a string, at which tangents support the heat parabola
+from below; between two of them the parabola is half a per cent higher at most."""
 _TYPICAL_K = 15.0
 """Temperature excess of these tangents [K]."""
 _MAX_FINE = 2
@@ -99,8 +101,9 @@ def lower_bound(
     worth
         Costs; by default kilowatt-hours of undelivered energy and losses.
     fine
-        Divide the charge of strings into more levels. The bound is a few per cent higher, but takes minutes
-        for many kinds of strings. By default for at most two kinds.
+        Divide the charge of strings into more levels, and the time by whether one string is on or several.
+        The bound is a few per cent higher, but takes minutes for many kinds of strings. By default for at
+        most two kinds.
 
     Returns
     -------
@@ -124,8 +127,11 @@ def lower_bound(
     worth = LossWeights(worth.undelivered[active], worth.loss[active], worth.standby[active])
     common = _Common(active, demand_kw[active], ambient_c, dt_h, worth)
     program = Program()
-    delivered = []
     groups = _alike(system, state, limit_kw)
+    fine = len(groups) <= _MAX_FINE if fine is None else fine
+    numbers_on = [(1, 1), (2, len(strings))] if fine and len(strings) > 1 else [(1, len(strings))]
+    on: list[list[_Running]] = [[] for _ in numbers_on]
+    taken = []
     for members in groups:
         first = members[0]
         relaxed = relaxed_string(
@@ -133,20 +139,33 @@ def lower_bound(
             coldest_c=coldest_c,
             plant_step_s=system.control.plant_step_s,
             law=law,
-            fine=len(groups) <= _MAX_FINE if fine is None else fine,
+            fine=fine,
             soh_capacity=float(state.soh_capacity[first]),
             soh_resistance=float(state.soh_resistance[first]),
         )
-        delivered += _group(
+        burnt, its_on = _group(
             program,
             common,
             relaxed,
+            numbers_on,
             rates[first].tolist(),
             state.soc[members],
             state.temperature_c[members],
             limit_kw[active, first],
         )
-    program.at_most(common.asked_kw, *((power, 1.0) for power in delivered))
+        taken.append(burnt)
+        for every, its in zip(on, its_on, strict=True):
+            every += its
+    program.at_most(
+        common.asked_kw, *((power, 1.0) for power in taken), *((some.p, 1.0) for each in on for some in each)
+    )
+    # In a share of the step with at least k strings on, their number is k times this share or more, and their
+    # power at most this share of the demand.
+    for (least, _), each in zip(numbers_on, on, strict=True):
+        numbers = ((some.o, -common.asked_kw / least) for some in each)
+        program.at_most(np.zeros(active.size), *((some.p, 1.0) for some in each), *numbers)
+    shares = ((some.o, 1.0 / most) for (_, most), each in zip(numbers_on, on, strict=True) for some in each)
+    program.at_most(np.ones(active.size), *shares)
     value = program.lower_bound()
     asked = worth.undelivered * common.asked_kw * dt_h
     return value + float(asked.sum()) + constant - _ROUNDING * float(np.abs(asked).sum())
@@ -193,12 +212,13 @@ def _group(
     program: Program,
     common: _Common,
     string: RelaxedString,
+    numbers_on: list[tuple[int, int]],
     rates: list[float],
     soc: Array,
     temperature_c: Array,
     limit_kw: Array,
-) -> list[NDArray[np.intp]]:
-    """Add variables and rows of identical strings; return the variables of delivered power."""
+) -> tuple[NDArray[np.intp], list[list[_Running]]]:
+    """Add variables and rows of identical strings; return burnt power and, for each number, those on."""
     active, dt_h = common.active, common.dt_h
     count, steps, levels = soc.size, active.size, string.energy_kwh.size
     keeps, takes, heats = rates
@@ -208,7 +228,14 @@ def _group(
     ratio = string.ratio[direction]
     full_kwh = count * string.energy_kwh
     max_x = np.where(discharging[:, None], full_kwh / (ratio * dt_h), asked_kw[:, None])
-    on = [_running(program, common, string, band, count, max_kw, max_x) for band in string.bands]
+    by_number = [
+        [_running(program, common, string, band, limits) for band in string.bands]
+        for limits in (
+            _Limits(min(count, most), max_kw, np.minimum(max_kw, asked_kw / least), max_x)
+            for least, most in numbers_on
+        )
+    ]
+    on = [some for each in by_number for some in each]
     e = program.add((steps, levels), upper=full_kwh)
     s = program.add(steps, upper=count * MAX_TEMPERATURE_K)
     # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
@@ -257,11 +284,20 @@ def _group(
             (s[:-1], -left * idle_keeps[1:]),
             *((heat[1:], -heats) for heat in heating),
         )
-    return [burnt, *(band.p for band in on)]
+    return burnt, by_number
+
+
+class _Limits(NamedTuple):
+    """Limits of the strings that are on: number, power of each, a typical power, and chemical power."""
+
+    number: int
+    max_kw: Array
+    typical_kw: Array
+    max_x: Array
 
 
 class _Running(NamedTuple):
-    """Variables of the strings that are on in a band of temperature."""
+    """Variables of the strings that are on in a band of temperature, while one is on or several are."""
 
     x: NDArray[np.intp]
     o: NDArray[np.intp]
@@ -275,11 +311,10 @@ def _running(
     common: _Common,
     string: RelaxedString,
     band: Band,
-    count: int,
-    max_kw: Array,
-    max_x: Array,
+    limits: _Limits,
 ) -> _Running:
     """Add variables and rows of the strings that are on in a band."""
+    count, max_kw, typical_kw, max_x = limits
     steps, levels, dt_h = common.active.size, string.energy_kwh.size, common.dt_h
     discharging, direction, sign = common.discharging, common.direction, common.sign
     asked_kw, worth = common.asked_kw, common.worth
@@ -315,7 +350,7 @@ def _running(
             program.at_most(zero[here], (p[here], slope), (o[here], intercept), (w[here], -1.0))
     # Heat: tangents below (root x)^2 / G, with the conductance G.
     for level in _HEAT_LEVELS:
-        touch = level * max_kw * root[:, levels // 2] / (cold_s + warm_s * (low_k + _TYPICAL_K))
+        touch = level * typical_kw * root[:, levels // 2] / (cold_s + warm_s * (low_k + _TYPICAL_K))
         program.at_most(
             zero,
             (x, 2.0 * touch[:, None] * root),
