@@ -159,8 +159,8 @@ def lower_bound(
     program.at_most(
         common.asked_kw, *((power, 1.0) for power in taken), *((some.p, 1.0) for each in on for some in each)
     )
-    # In a share of the step with at least k strings on, their number is k times this share or more, and their
-    # power at most this share of the demand.
+    # For a share of the step, `least` to `most` strings are on: their number is this share times `least` to
+    # `most`, and their power at most this share of the demand. The shares add up to one at most.
     for (least, _), each in zip(numbers_on, on, strict=True):
         numbers = ((some.o, -common.asked_kw / least) for some in each)
         program.at_most(np.zeros(active.size), *((some.p, 1.0) for some in each), *numbers)
