@@ -9,7 +9,7 @@ import pytest
 import bess
 from bess.dispatch import bundled_profile
 from bess.simulation.hindsight import LossWeights, lower_bound
-from bess.simulation.hindsight.bound import Program
+from bess.simulation.hindsight.safe_program import Program
 
 sys.path.insert(0, str(Path(__file__).parent))
 from cases import RULES, STEP_S, by_rule, demand, lost_kwh, split, state, system

@@ -14,13 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import clarabel
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from bess.arrays import Array, Flags
-from bess.dispatch.program import LinearProgram
 from bess.simulation.hindsight.relaxed_string import (
     CHARGE,
     DISCHARGE,
@@ -30,6 +27,7 @@ from bess.simulation.hindsight.relaxed_string import (
     RelaxedString,
     relaxed_string,
 )
+from bess.simulation.hindsight.safe_program import Program
 from bess.simulation.hindsight.thermal_rates import thermal_rates
 from bess.system import State, System
 
@@ -129,9 +127,9 @@ def lower_bound(
     program = Program()
     groups = _alike(system, state, limit_kw)
     fine = len(groups) <= _MAX_FINE if fine is None else fine
-    numbers_on = [(1, 1), (2, len(strings))] if fine and len(strings) > 1 else [(1, len(strings))]
-    on: list[list[_Running]] = [[] for _ in numbers_on]
-    taken = []
+    by_number = [(1, 1), (2, len(strings))] if fine and len(strings) > 1 else [(1, len(strings))]
+    shares = [_Share(least, most, []) for least, most in by_number]
+    burnt = []
     for members in groups:
         first = members[0]
         relaxed = relaxed_string(
@@ -143,29 +141,29 @@ def lower_bound(
             soh_capacity=float(state.soh_capacity[first]),
             soh_resistance=float(state.soh_resistance[first]),
         )
-        burnt, its_on = _group(
-            program,
-            common,
-            relaxed,
-            numbers_on,
-            rates[first].tolist(),
-            state.soc[members],
-            state.temperature_c[members],
-            limit_kw[active, first],
+        burnt.append(
+            _group(
+                program,
+                common,
+                relaxed,
+                shares,
+                rates[first].tolist(),
+                state.soc[members],
+                state.temperature_c[members],
+                limit_kw[active, first],
+            )
         )
-        taken.append(burnt)
-        for every, its in zip(on, its_on, strict=True):
-            every += its
+    delivered = [*burnt, *(running.p for share in shares for running in share.on)]
+    program.at_most(common.asked_kw, *((power, 1.0) for power in delivered))
+    # The number of strings on is `least` to `most` times their share of the step, their power at most this
+    # share of the demand, and the shares add up to one at most.
+    for share in shares:
+        powers = ((running.p, 1.0) for running in share.on)
+        numbers = ((running.o, -common.asked_kw / share.least) for running in share.on)
+        program.at_most(np.zeros(active.size), *powers, *numbers)
     program.at_most(
-        common.asked_kw, *((power, 1.0) for power in taken), *((some.p, 1.0) for each in on for some in each)
+        np.ones(active.size), *((running.o, 1.0 / share.most) for share in shares for running in share.on)
     )
-    # For a share of the step, `least` to `most` strings are on: their number is this share times `least` to
-    # `most`, and their power at most this share of the demand. The shares add up to one at most.
-    for (least, _), each in zip(numbers_on, on, strict=True):
-        numbers = ((some.o, -common.asked_kw / least) for some in each)
-        program.at_most(np.zeros(active.size), *((some.p, 1.0) for some in each), *numbers)
-    shares = ((some.o, 1.0 / most) for (_, most), each in zip(numbers_on, on, strict=True) for some in each)
-    program.at_most(np.ones(active.size), *shares)
     value = program.lower_bound()
     asked = worth.undelivered * common.asked_kw * dt_h
     return value + float(asked.sum()) + constant - _ROUNDING * float(np.abs(asked).sum())
@@ -212,13 +210,13 @@ def _group(
     program: Program,
     common: _Common,
     string: RelaxedString,
-    numbers_on: list[tuple[int, int]],
+    shares: list[_Share],
     rates: list[float],
     soc: Array,
     temperature_c: Array,
     limit_kw: Array,
-) -> tuple[NDArray[np.intp], list[list[_Running]]]:
-    """Add variables and rows of identical strings; return burnt power and, for each number, those on."""
+) -> NDArray[np.intp]:
+    """Add variables and rows of identical strings, which join ``shares``; return those of burnt power."""
     active, dt_h = common.active, common.dt_h
     count, steps, levels = soc.size, active.size, string.energy_kwh.size
     keeps, takes, heats = rates
@@ -228,14 +226,13 @@ def _group(
     ratio = string.ratio[direction]
     full_kwh = count * string.energy_kwh
     max_x = np.where(discharging[:, None], full_kwh / (ratio * dt_h), asked_kw[:, None])
-    by_number = [
-        [_running(program, common, string, band, limits) for band in string.bands]
-        for limits in (
-            _Limits(min(count, most), max_kw, np.minimum(max_kw, asked_kw / least), max_x)
-            for least, most in numbers_on
-        )
-    ]
-    on = [some for each in by_number for some in each]
+    on: list[_Running] = []
+    for share in shares:
+        typical_kw = np.minimum(max_kw, asked_kw / share.least)
+        limits = _Limits(min(count, share.most), max_kw, typical_kw, max_x)
+        running = [_running(program, common, string, band, limits) for band in string.bands]
+        share.on.extend(running)
+        on.extend(running)
     e = program.add((steps, levels), upper=full_kwh)
     s = program.add(steps, upper=count * MAX_TEMPERATURE_K)
     # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
@@ -257,8 +254,8 @@ def _group(
         np.zeros((steps - 1, levels)), (e[1:], 1.0), (e[:-1], -1.0), *((band.x[1:], flow[1:]) for band in on)
     )
     # A string fills its levels from below.
-    share = 1.0 / string.energy_kwh
-    program.at_most(np.zeros((steps, levels - 1)), (e[:, 1:], share[1:]), (e[:, :-1], -share[:-1]))
+    per_kwh = 1.0 / string.energy_kwh
+    program.at_most(np.zeros((steps, levels - 1)), (e[:, 1:], per_kwh[1:]), (e[:, :-1], -per_kwh[:-1]))
     if not string.ages:
         # Upper limits of losses: stored energy cannot be discarded.
         flow = sign[:, None] * string.ratio_against[direction] * dt_h
@@ -284,7 +281,7 @@ def _group(
             (s[:-1], -left * idle_keeps[1:]),
             *((heat[1:], -heats) for heat in heating),
         )
-    return burnt, by_number
+    return burnt
 
 
 class _Limits(NamedTuple):
@@ -304,6 +301,14 @@ class _Running(NamedTuple):
     q: NDArray[np.intp]
     p: NDArray[np.intp]
     h: NDArray[np.intp]
+
+
+class _Share(NamedTuple):
+    """Share of a step with ``least`` to ``most`` strings on: their variables, by kind and band."""
+
+    least: int
+    most: int
+    on: list[_Running]
 
 
 def _running(
@@ -370,38 +375,3 @@ def _idle(air_k: Array, keeps: float, active: NDArray[np.intp]) -> Array:
         else:
             gained = keeps * gained + air_k[step]
     return added
-
-
-class Program(LinearProgram):
-    """A linear program with variables in ``[0, upper]`` and a lower bound on its optimum."""
-
-    def lower_bound(self) -> float:
-        """Return a lower bound on the optimum, valid for any accuracy of the solver.
-
-        For row multipliers ``y >= 0``, every feasible point costs at least
-        ``-y @ row_limits + sum_j min(0, (cost + y @ rows)_j upper_j)``.
-        """
-        cost, _, upper = self.data()
-        cells, row_limits = self.rows()
-        rows, size = cells.tocsc(), cost.size
-        unit = sparse.eye_array(size, format="csc")
-        every = sparse.csc_matrix(sparse.vstack([rows, unit, -unit], format="csc"))
-        limits = np.concatenate([row_limits, upper, np.zeros(size)])
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        # The bound is valid for any multipliers; these make it tight.
-        settings.tol_gap_rel = 1e-6
-        settings.max_threads = 1
-        answer = clarabel.DefaultSolver(
-            sparse.csc_matrix((size, size)),
-            cost,
-            every,
-            limits,
-            [clarabel.NonnegativeConeT(limits.size)],
-            settings,
-        ).solve()
-        multiplier = np.maximum(np.array(answer.z)[: row_limits.size], 0.0)
-        if not np.isfinite(multiplier).all():
-            multiplier = np.zeros(row_limits.size)
-        reduced = cost + rows.T @ multiplier
-        return float(np.minimum(reduced * upper, 0.0).sum() - multiplier @ row_limits)
