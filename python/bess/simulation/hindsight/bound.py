@@ -265,10 +265,10 @@ def _group(
         drawn = [(band.x[1:], -flow[1:]) for band in on]
         program.at_most(np.zeros((steps - 1, levels)), (e[1:], -1.0), (e[:-1], 1.0), *drawn, (y[1:], -spill))
     # Temperature excess: q <= s; s = decayed excess + contribution of the air + contribution of heat.
-    air_k = count * takes * np.maximum(common.ambient_c - string.reference_c, 0.0)
+    air_k = count * takes * (common.ambient_c - string.coldest_c)
     idle_keeps = keeps ** (np.diff(active, prepend=-1) - 1.0)
     idle_k = _idle(air_k, keeps, active)
-    idle_k[0] += idle_keeps[0] * float(np.maximum(temperature_c - string.reference_c, 0.0).sum())
+    idle_k[0] += idle_keeps[0] * float((temperature_c - string.coldest_c).sum())
     heating = [n, *(band.h for band in on)]
     for of, left in (([band.q for band in on], 1.0), ([s], keeps)):
         max_k = left * idle_k + air_k[active]

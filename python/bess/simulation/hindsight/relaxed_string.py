@@ -40,8 +40,7 @@ class Band:
 
     theta_k: tuple[float, float]
     conductance: Array
-    """``(2, 2)``: ``G <= first + second * theta`` for a string whose mean temperature exceeds the reference
-    by ``theta``."""
+    """``(2, 2)``: ``G <= first + second * theta`` for a string at the mean excess temperature ``theta``."""
     derating: Lines
     """Upper bounds of the derating factor: lines over ``theta``."""
 
@@ -53,9 +52,9 @@ class RelaxedString:
     nominal_kw: float
     standby_kw: float
     """Nominal power, and loss of an inverter that is off."""
-    reference_c: float
-    """Reference of ``theta`` [degC]: resistance and derating are constant below it. ``theta`` is the mean
-    over the nodes of a string of their temperature excess over it."""
+    coldest_c: float
+    """Lower limit of all temperatures [degC]. ``theta`` is the mean over the nodes of a string of their
+    temperature excess over it."""
     edges: Array
     """``(n_levels + 1,)``: SOC at the edges of the levels."""
     ratio: Array
@@ -153,16 +152,13 @@ def relaxed_string(
         return current_a(low, max_ohm) * plant_step_s / 3600.0 / min_ah
 
     derating_c, factor = _derating(string, law)
-    reference_c = max(coldest_c, min(resistance_c[0], derating_c[0]))
-    cold_k = reference_c - min(coldest_c, reference_c)
     stop_c = _stop_c(derating_c, factor)
-    hottest_k = MAX_TEMPERATURE_K if stop_c is None else max(stop_c - reference_c, 1e-6)
-    # `theta` exceeds the mean temperature by up to `cold_k`.
-    start_k, most_k = derating_c[factor == factor.max()][-1] - reference_c, hottest_k + cold_k
-    limits_k = np.unique([0.0, np.clip(start_k, 0.0, most_k), most_k])
-    ends_c = [*(reference_c + limits_k), reference_c + 2.0 * MAX_TEMPERATURE_K]
-    warm_c = np.unique([*ends_c, *resistance_c[resistance_c > reference_c]])
-    in_band_c = [_between(warm_c, *ends) for ends in pairwise(reference_c + limits_k)]
+    hottest_k = MAX_TEMPERATURE_K if stop_c is None else max(stop_c - coldest_c, 1e-6)
+    start_k = derating_c[factor == factor.max()][-1] - coldest_c
+    limits_k = np.unique([0.0, np.clip(start_k, 0.0, hottest_k), hottest_k])
+    ends_c = [*(coldest_c + limits_k), coldest_c + 2.0 * MAX_TEMPERATURE_K]
+    warm_c = np.unique([*ends_c, *resistance_c[resistance_c > coldest_c]])
+    in_band_c = [_between(warm_c, *ends) for ends in pairwise(coldest_c + limits_k)]
 
     edges = _edges(battery, fine)
     wide = battery.soc_min, battery.soc_max
@@ -203,7 +199,7 @@ def relaxed_string(
                 ratio,
                 ratio_against,
                 np.sqrt(1e3 * (resistance / base).min(axis=1)) / top_v,
-                [chord_above(each - reference_c, 1.0 / np.interp(each, warm_c, base)) for each in in_band_c],
+                [chord_above(each - coldest_c, 1.0 / np.interp(each, warm_c, base)) for each in in_band_c],
                 (inverter.nominal_kw * max_0, max_slope),
                 max_heat,
                 (inverter.nominal_kw * loss_0, loss_slope),
@@ -216,17 +212,14 @@ def relaxed_string(
     worst_ohm = _ohm(battery, CHARGE, _between(tables, *wide), warm_c, np.max).max() * soh_resistance
 
     def band(theta_k: tuple[float, float], conductance: Array) -> Band:
-        low_k, high_k = theta_k
-        ends_k = max(low_k - cold_k, 0.0), min(high_k, hottest_k)
-        derated_k = _between(derating_c - reference_c, *ends_k)
-        full, slope = lines_above(derated_k, np.interp(reference_c + derated_k, derating_c, factor))
-        derating = (full + np.maximum(-slope, 0.0) * cold_k, slope)
-        return Band(theta_k, conductance, derating)
+        derated_k = _between(derating_c - coldest_c, *theta_k)
+        factors = np.interp(coldest_c + derated_k, derating_c, factor)
+        return Band(theta_k, conductance, lines_above(derated_k, factors))
 
     return RelaxedString(
         nominal_kw=inverter.nominal_kw,
         standby_kw=inverter.off_loss * inverter.nominal_kw,
-        reference_c=reference_c,
+        coldest_c=coldest_c,
         edges=edges,
         ratio=ratio,
         ratio_against=ratio_against,
