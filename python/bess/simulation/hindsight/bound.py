@@ -123,7 +123,7 @@ def lower_bound(
     rates = thermal_rates(system, step_s)
     coldest_c = min(float(ambient_c.min()), float(state.temperature_c.min()))
     worth = LossWeights(worth.undelivered[active], worth.loss[active], worth.standby[active])
-    common = _Common(active, demand_kw[active], ambient_c, dt_h, worth)
+    common = _Common(active, demand_kw[active], ambient_c - coldest_c, dt_h, worth)
     program = Program()
     groups = _alike(system, state, limit_kw)
     fine = len(groups) <= _MAX_FINE if fine is None else fine
@@ -149,7 +149,7 @@ def lower_bound(
                 shares,
                 rates[first].tolist(),
                 state.soc[members],
-                state.temperature_c[members],
+                state.temperature_c[members] - coldest_c,
                 limit_kw[active, first],
             )
         )
@@ -180,11 +180,11 @@ def _alike(system: System, state: State, limit_kw: Array) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class _Common:
-    """Data common to all strings: active steps, their demand and costs; ambient temperature of all steps."""
+    """Data common to all strings: active steps, their demand and costs; excess of the air in all steps."""
 
     active: NDArray[np.intp]
     demand_kw: Array
-    ambient_c: Array
+    air_k: Array
     dt_h: float
     worth: LossWeights
 
@@ -213,19 +213,18 @@ def _group(
     shares: list[_Share],
     rates: list[float],
     soc: Array,
-    temperature_c: Array,
+    excess_k: Array,
     limit_kw: Array,
 ) -> NDArray[np.intp]:
     """Add variables and rows of identical strings, which join ``shares``; return those of burnt power."""
-    active, dt_h = common.active, common.dt_h
-    count, steps, levels = soc.size, active.size, string.energy_kwh.size
-    keeps, takes, heats = rates
-    discharging, direction, sign = common.discharging, common.direction, common.sign
+    dt_h, discharging = common.dt_h, common.discharging
+    count, steps, levels = soc.size, discharging.size, string.energy_kwh.size
     asked_kw, undelivered, loss = common.asked_kw, common.worth.undelivered, common.worth.loss
     max_kw = np.minimum(np.minimum(string.nominal_kw, limit_kw), asked_kw)
-    ratio = string.ratio[direction]
     full_kwh = count * string.energy_kwh
-    max_x = np.where(discharging[:, None], full_kwh / (ratio * dt_h), asked_kw[:, None])
+    max_x = np.where(
+        discharging[:, None], full_kwh / (string.ratio[common.direction] * dt_h), asked_kw[:, None]
+    )
     on: list[_Running] = []
     for share in shares:
         typical_kw = np.minimum(max_kw, asked_kw / share.least)
@@ -233,8 +232,6 @@ def _group(
         running = [_running(program, common, string, band, limits) for band in string.bands]
         share.on.extend(running)
         on.extend(running)
-    e = program.add((steps, levels), upper=full_kwh)
-    s = program.add(steps, upper=count * MAX_TEMPERATURE_K)
     # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
     burnt_kw, burnt_heat_kw = (np.where(discharging, 0.0, count * power_kw) for power_kw in string.burnt_kw)
     burnt = program.add(steps, upper=np.minimum(burnt_kw, asked_kw), cost=(loss - undelivered) * dt_h)
@@ -243,45 +240,65 @@ def _group(
     n = program.add(steps, upper=burnt_heat_kw)
     program.at_most(drained_kw, (y, 1.0))
     program.at_most(np.zeros(steps), (n, 1.0), (y, -1.0))
-
     # A string is on in one band at most.
     program.at_most(np.where(max_kw > 0.0, count, 0.0), *((band.o, 1.0) for band in on))
-    # Energy of each level.
+    _energy(program, common, string, on, y, soc)
+    _temperature(program, common, rates, [n, *(band.h for band in on)], on, excess_k)
+    return burnt
+
+
+def _energy(
+    program: Program,
+    common: _Common,
+    string: RelaxedString,
+    on: list[_Running],
+    y: NDArray[np.intp],
+    soc: Array,
+) -> None:
+    """Add the energy of each level, from the start to the end of the last step."""
+    dt_h, sign, direction = common.dt_h, common.sign[:, None], common.direction
+    full_kwh = soc.size * string.energy_kwh
     stored_kwh = np.sum([string.stored_kwh(value) for value in soc], axis=0)
-    flow = sign[:, None] * ratio * dt_h
-    program.at_most(stored_kwh, (e[0], 1.0), *((band.x[0], flow[0]) for band in on))
-    program.at_most(
-        np.zeros((steps - 1, levels)), (e[1:], 1.0), (e[:-1], -1.0), *((band.x[1:], flow[1:]) for band in on)
-    )
+    zero = np.zeros((direction.size, full_kwh.size))
+    e = program.add((direction.size + 1, full_kwh.size), upper=np.vstack([stored_kwh, full_kwh + zero]))
+    before, after = e[:-1], e[1:]
+    flow = sign * string.ratio[direction] * dt_h
+    program.at_most(zero, (after, 1.0), (before, -1.0), *((band.x, flow) for band in on))
     # A string fills its levels from below.
     per_kwh = 1.0 / string.energy_kwh
-    program.at_most(np.zeros((steps, levels - 1)), (e[:, 1:], per_kwh[1:]), (e[:, :-1], -per_kwh[:-1]))
+    program.at_most(zero[:, 1:], (after[:, 1:], per_kwh[1:]), (after[:, :-1], -per_kwh[:-1]))
     if not string.ages:
         # Upper limits of losses: stored energy cannot be discarded.
-        flow = sign[:, None] * string.ratio_against[direction] * dt_h
+        flow = sign * string.ratio_against[direction] * dt_h
         spill = dt_h * string.ratio_against[DISCHARGE]
-        drawn = [(band.x[0], -flow[0]) for band in on]
-        program.at_most(-stored_kwh, (e[0], -1.0), *drawn, (y[0], -spill))
-        drawn = [(band.x[1:], -flow[1:]) for band in on]
-        program.at_most(np.zeros((steps - 1, levels)), (e[1:], -1.0), (e[:-1], 1.0), *drawn, (y[1:], -spill))
-    # Temperature excess: q <= s; s = decayed excess + contribution of the air + contribution of heat.
-    air_k = count * takes * (common.ambient_c - string.coldest_c)
+        program.at_most(-stored_kwh, (e[0], -1.0))
+        program.at_most(zero, (after, -1.0), (before, 1.0), *((band.x, -flow) for band in on), (y, -spill))
+
+
+def _temperature(
+    program: Program,
+    common: _Common,
+    rates: list[float],
+    heating: list[NDArray[np.intp]],
+    on: list[_Running],
+    excess_k: Array,
+) -> None:
+    """Add the sum ``s`` of excesses, from the start to the end of the last step, and ``q <= s``."""
+    active = common.active
+    keeps, takes, heats = rates
+    full_k = np.full(active.size, excess_k.size * MAX_TEMPERATURE_K)
+    s = program.add(active.size + 1, upper=np.concatenate([[excess_k.sum()], full_k]))
+    air_k = excess_k.size * takes * common.air_k
     idle_keeps = keeps ** (np.diff(active, prepend=-1) - 1.0)
     idle_k = _idle(air_k, keeps, active)
-    idle_k[0] += idle_keeps[0] * float((temperature_c - string.coldest_c).sum())
-    heating = [n, *(band.h for band in on)]
-    for of, left in (([band.q for band in on], 1.0), ([s], keeps)):
-        max_k = left * idle_k + air_k[active]
+    # Decayed excess + contribution of the air + contribution of heat.
+    for of, left in (([band.q for band in on], 1.0), ([s[1:]], keeps)):
         program.at_most(
-            max_k[:1], *((excess[:1], 1.0) for excess in of), *((heat[:1], -heats) for heat in heating)
+            left * idle_k + air_k[active],
+            *((excess, 1.0) for excess in of),
+            (s[:-1], -left * idle_keeps),
+            *((heat, -heats) for heat in heating),
         )
-        program.at_most(
-            max_k[1:],
-            *((excess[1:], 1.0) for excess in of),
-            (s[:-1], -left * idle_keeps[1:]),
-            *((heat[1:], -heats) for heat in heating),
-        )
-    return burnt
 
 
 class _Limits(NamedTuple):

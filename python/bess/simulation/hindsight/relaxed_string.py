@@ -47,14 +47,14 @@ class Band:
 
 @dataclass(frozen=True)
 class RelaxedString:
-    """A string, or several identical strings; coefficients have a row for charge and one for discharge."""
+    """A string, or several identical strings; coefficients have a row for charge and one for discharge.
+
+    ``theta`` is the mean over the nodes of a string of their temperature excess over ``coldest_c``.
+    """
 
     nominal_kw: float
     standby_kw: float
     """Nominal power, and loss of an inverter that is off."""
-    coldest_c: float
-    """Lower limit of all temperatures [degC]. ``theta`` is the mean over the nodes of a string of their
-    temperature excess over it."""
     edges: Array
     """``(n_levels + 1,)``: SOC at the edges of the levels."""
     ratio: Array
@@ -219,7 +219,6 @@ def relaxed_string(
     return RelaxedString(
         nominal_kw=inverter.nominal_kw,
         standby_kw=inverter.off_loss * inverter.nominal_kw,
-        coldest_c=coldest_c,
         edges=edges,
         ratio=ratio,
         ratio_against=ratio_against,
