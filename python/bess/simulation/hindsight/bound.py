@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.arrays import Array, Flags
+from bess.simulation.hindsight.cells import CHARGE, DISCHARGE
 from bess.simulation.hindsight.relaxed_string import (
-    CHARGE,
-    DISCHARGE,
     MAX_TEMPERATURE_K,
     Band,
     Law,

@@ -7,29 +7,22 @@ replaced by the values of minimum loss, so the relaxed cost never exceeds the co
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from bess.arrays import Array
 from bess.convexity import Lines, chord_above, convex_below, line_above, lines_above, lines_below
+from bess.simulation.hindsight.cells import CHARGE, DISCHARGE, Cells, between
 from bess.system.battery import Battery
 from bess.system.parse import StringParameters
 
-_Pick = Callable[..., Any]
 Law = Literal["table", "pi"]
-
-CHARGE, DISCHARGE = 0, 1
-"""Rows of the coefficients of both directions of power."""
 
 MAX_TEMPERATURE_K = 500.0
 """Upper limit of the cell temperature above its surroundings [K]."""
-_MIN_HEALTH = 0.2
-"""Minimum capacity of a string in use, as a share of its initial capacity."""
 _LEVELS = {True: ((0.15, 0.3, 0.5, 0.75, 1.0), 9), False: ((0.2, 1.0), 3)}
 """Level edges below the low-SOC switch, as shares of it, and number of edges above; fine or coarse."""
 
@@ -127,110 +120,55 @@ def relaxed_string(
         State of health at the start; a string does not recover.
     """
     battery, inverter = string.battery, string.inverter
-    soc = np.array(battery.ocv_v.soc)
-    volts = [
-        np.array(rows) * battery.cells_series for rows in (battery.ocv_v.charge, battery.ocv_v.discharge)
-    ]
-    highest_v, lowest_v = [rows.max(axis=0) for rows in volts], [rows.min(axis=0) for rows in volts]
-    min_v = np.minimum(*lowest_v)
-    capacity_ah = battery.cell_capacity_ah * battery.cells_parallel * soh_capacity
-    max_kw = inverter.nominal_kw * (1.0 + max(*inverter.loss_charge, *inverter.loss_discharge))
-    # An aged string has less capacity, so its SOC changes more per step.
-    min_ah = capacity_ah * (_MIN_HEALTH if string.wear.cell_model else 1.0)
-    switch = battery.low_soc_switch
-    resistance_soc, resistance_c = map(np.array, battery.resistance_axes)
-    tables = np.unique([*soc, *resistance_soc, switch, np.nextafter(switch, 0.0)])
-
-    def current_a(low: float, max_ohm: float) -> float:
-        """Maximum current [A] above a SOC and below a resistance."""
-        volt = float(np.interp(low, soc, min_v))
-        root = math.sqrt(max(volt**2 - 4e3 * max_ohm * max_kw, 0.0))
-        return 2e3 * max_kw / (volt + root)
-
-    def travel(low: float, max_ohm: float) -> float:
-        """Maximum SOC change of a plant step that starts above ``low``, at a resistance up to ``max_ohm``."""
-        return current_a(low, max_ohm) * plant_step_s / 3600.0 / min_ah
-
+    cells = Cells.of(string, plant_step_s, soh_capacity, soh_resistance)
+    edges = _edges(battery, fine)
     derating_c, factor = _derating(string, law)
     stop_c = _stop_c(derating_c, factor)
     hottest_k = MAX_TEMPERATURE_K if stop_c is None else max(stop_c - coldest_c, 1e-6)
     start_k = derating_c[factor == factor.max()][-1] - coldest_c
     limits_k = np.unique([0.0, np.clip(start_k, 0.0, hottest_k), hottest_k])
+    bands_k = list(pairwise(limits_k.tolist()))
+    resistance_c = np.array(battery.resistance_axes[1])
     ends_c = [*(coldest_c + limits_k), coldest_c + 2.0 * MAX_TEMPERATURE_K]
     warm_c = np.unique([*ends_c, *resistance_c[resistance_c > coldest_c]])
-    in_band_c = [_between(warm_c, *ends) for ends in pairwise(coldest_c + limits_k)]
 
-    edges = _edges(battery, fine)
-    wide = battery.soc_min, battery.soc_max
-    furthest = travel(wide[0], np.inf)
-    rows = []
-    for direction, sign, losses, favourable_v, adverse_v, best, worst in (
-        (CHARGE, -1, inverter.loss_charge, lowest_v, highest_v, np.max, np.min),
-        (DISCHARGE, 1, inverter.loss_discharge, highest_v, lowest_v, np.min, np.max),
-    ):
-        limits, ohm = [], []
-        for low, high in pairwise(edges.tolist()):
-            # Within a plant step, voltage and resistance keep their values at its start.
-            near = max(low - furthest, wide[0]), min(high + furthest, wide[1])
-            max_ohm = _ohm(battery, direction, _between(tables, *near), warm_c, np.max).max() * soh_resistance
-            shift = sign * (furthest if string.wear.cell_model else travel(near[0], max_ohm))
-            within = _between(np.concatenate([tables, tables - shift]), low, high)
-            stored_v = np.interp(within, soc, highest_v[DISCHARGE])
-            began = _between(
-                tables, max(low + min(shift, 0.0), wide[0]), min(high + max(shift, 0.0), wide[1])
-            )
-            ohm.append(_ohm(battery, direction, began, warm_c, np.min) * soh_resistance)
-            limits.append(
-                (
-                    best(stored_v / np.interp(within + shift, soc, favourable_v[direction])),
-                    worst(stored_v / np.interp(within, soc, adverse_v[direction])),
-                    np.interp(began, soc, highest_v[direction]).max(),
-                    max_ohm * current_a(near[0], max_ohm) / float(np.interp(near[0], soc, min_v)),
-                )
-            )
-        ratio, ratio_against, top_v, max_heat = np.array(limits).T
-        resistance = np.array(ohm)
+    levels, root, conductance = [], [], []
+    for direction in (CHARGE, DISCHARGE):
+        limits = [cells.level(direction, low, high, warm_c) for low, high in pairwise(edges.tolist())]
+        resistance = np.array([level.min_ohm for level in limits])
         base = convex_below(warm_c, resistance.min(axis=0))
-        load, loss = np.array(inverter.load), np.array(losses)
-        loss_0, loss_slope = lines_below(load, loss)
-        max_0, max_slope = line_above(load, loss)
-        rows.append(
-            (
-                ratio,
-                ratio_against,
-                np.sqrt(1e3 * (resistance / base).min(axis=1)) / top_v,
-                [chord_above(each - coldest_c, 1.0 / np.interp(each, warm_c, base)) for each in in_band_c],
-                (inverter.nominal_kw * max_0, max_slope),
-                max_heat,
-                (inverter.nominal_kw * loss_0, loss_slope),
-            )
+        top_v = np.array([level.top_v for level in limits])
+        levels.append(limits)
+        root.append(np.sqrt(1e3 * (resistance / base).min(axis=1)) / top_v)
+        in_band_c = (between(warm_c, coldest_c + low_k, coldest_c + high_k) for low_k, high_k in bands_k)
+        conductance.append(
+            [chord_above(each - coldest_c, 1.0 / np.interp(each, warm_c, base)) for each in in_band_c]
         )
-    *coefficients, loss_lines = zip(*rows, strict=True)
-    ratio, ratio_against, root, conductance, max_loss, max_heat = map(np.array, coefficients)
-
-    burnt_kw = inverter.nominal_kw * max(inverter.loss_charge)
-    worst_ohm = _ohm(battery, CHARGE, _between(tables, *wide), warm_c, np.max).max() * soh_resistance
 
     def band(theta_k: tuple[float, float], conductance: Array) -> Band:
-        derated_k = _between(derating_c - coldest_c, *theta_k)
+        derated_k = between(derating_c - coldest_c, *theta_k)
         factors = np.interp(coldest_c + derated_k, derating_c, factor)
         return Band(theta_k, conductance, lines_above(derated_k, factors))
 
+    load, nominal_kw = np.array(inverter.load), inverter.nominal_kw
+    losses = [np.array(inverter.loss_charge), np.array(inverter.loss_discharge)]
+    least, most = [lines_below(load, loss) for loss in losses], [line_above(load, loss) for loss in losses]
+    burnt_kw = nominal_kw * max(inverter.loss_charge)
     return RelaxedString(
-        nominal_kw=inverter.nominal_kw,
-        standby_kw=inverter.off_loss * inverter.nominal_kw,
+        nominal_kw=nominal_kw,
+        standby_kw=inverter.off_loss * nominal_kw,
         edges=edges,
-        ratio=ratio,
-        ratio_against=ratio_against,
-        root=root,
-        bands=list(map(band, pairwise(limits_k.tolist()), conductance.swapaxes(0, 1))),
-        loss=list(loss_lines),
-        max_loss=max_loss,
-        max_heat=max_heat,
+        ratio=np.array([[level.ratio for level in limits] for limits in levels]),
+        ratio_against=np.array([[level.ratio_against for level in limits] for limits in levels]),
+        root=np.array(root),
+        bands=list(map(band, bands_k, np.array(conductance).swapaxes(0, 1))),
+        loss=[(nominal_kw * intercept, slope) for intercept, slope in least],
+        max_loss=np.array([(nominal_kw * intercept, slope) for intercept, slope in most]),
+        max_heat=np.array([[level.max_heat for level in limits] for limits in levels]),
         ages=string.wear.cell_model is not None,
-        burnt_kw=(burnt_kw, 1e-3 * worst_ohm * (2e3 * burnt_kw / min_v.min()) ** 2),
-        voltage_v=(soc, highest_v[DISCHARGE]),
-        capacity_ah=capacity_ah,
+        burnt_kw=(burnt_kw, cells.max_heat_kw(burnt_kw, warm_c)),
+        voltage_v=(cells.soc, cells.highest_v[DISCHARGE]),
+        capacity_ah=cells.capacity_ah,
     )
 
 
@@ -243,31 +181,6 @@ def _edges(battery: Battery, fine: bool) -> Array:
     above = np.linspace(max(low, switch), high, count)
     inside = np.concatenate([below, above])
     return np.unique([low, *inside[(inside > low) & (inside < high)], high])
-
-
-def _between(knots: Array, low: float, high: float) -> Array:
-    """Ends and inner knots of an interval; between them a ratio of straight lines is monotone."""
-    return np.unique([low, *knots[(knots > low) & (knots < high)], high])
-
-
-def _ohm(battery: Battery, direction: int, soc: Array, temperature_c: Array, pick: _Pick) -> Array:
-    """Minimum (or maximum) resistance of a string [Ohm] over SOC and C-rate at each temperature.
-
-    Between these temperatures the minimum lies above the straight line, because it is linear for each SOC.
-    """
-    ohm = 1e-3 * battery.r_scale * battery.cells_series / battery.cells_parallel
-    table = battery.resistance_table
-    if table is not None:
-        blocks = np.array(table.discharge_mohm if direction == DISCHARGE else table.charge_mohm)
-        rows = [[pick(np.interp(soc, table.soc, row)) for row in rows] for rows in blocks]
-        return ohm * np.interp(temperature_c, table.temperature_c, pick(np.array(rows), axis=0))
-    over_t, over_soc = battery.resistance_temperature, battery.resistance_soc
-    assert over_t is not None and over_soc is not None
-    at = np.interp(temperature_c, over_t.temperature_c, over_t.resistance_mohm)
-    at_25 = np.interp(25.0, over_t.temperature_c, over_t.resistance_mohm)
-    low = soc < battery.low_soc_switch
-    factor = np.where(low, np.interp(soc, over_soc.soc, over_soc.resistance_mohm) / at_25, 1.0)
-    return np.asarray(ohm * at * pick(factor))
 
 
 def _derating(string: StringParameters, law: Law) -> Lines:
