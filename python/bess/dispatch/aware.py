@@ -195,36 +195,9 @@ class DynamicProgramDispatch:
         bands = PriceBands.certain(inputs.price_eur_mwh) if inputs.bands is None else inputs.bands.reduced
         blocks = Blocks.of(bands.price_eur_mwh, inputs.day, self._dt_h, first_h=_FINE_H, step_h=_FINE_STEP_H)
         energy_kwh = min(self._max_energy_kwh, plant.capacity_kwh)
-        if self._cycles_per_plan is None:
-            period = inputs.day[blocks.first] - inputs.day[0]
-            allowed_kwh = np.full(period[-1] + 1, self._cycles_per_day * energy_kwh)
-            allowed_kwh[0] = max(0.0, allowed_kwh[0] - inputs.discharged_kwh)
-        else:
-            period = np.zeros(blocks.first.size, dtype=np.int64)
-            allowed_kwh = np.array([self._cycles_per_plan * energy_kwh])
-        allowed_kwh = np.minimum(allowed_kwh, inputs.remaining_kwh)
+        period, allowed_kwh = self._cycle_limits(inputs, blocks, energy_kwh)
         price = np.vstack([bands.price_eur_mwh, inputs.price_eur_mwh])[:, blocks.first]
-        buy = self._terms.charge_price_eur_mwh(price) / KWH_PER_MWH
-        sell = (self._terms.discharge_price_eur_mwh(price) - inputs.budget_price_eur_mwh) / KWH_PER_MWH
-        sell -= depths.by_energy_eur_kwh
-        eur = np.stack(
-            [
-                sell,
-                -buy,
-                -self._terms.shortfall_price_eur_mwh(price) / KWH_PER_MWH,
-                np.full(price.shape, -depths.holding_eur_kwh_h),
-            ],
-            axis=2,
-        )
-        if inputs.is_last:
-            end_eur_kwh = 0.0
-        elif self._end_price_eur_mwh is not None:
-            end_eur_kwh = self._end_price_eur_mwh / KWH_PER_MWH
-        else:
-            wear_eur = depths.marginal_eur_kwh.mean()
-            end_eur_kwh = _terminal_value_eur_kwh(
-                np.repeat(np.stack([buy[-1], sell[-1] - wear_eur]), blocks.count, axis=1)
-            )
+        eur = self._income_eur(price, inputs.budget_price_eur_mwh, depths)
         max_eur_kwh = float(np.abs(inputs.price_eur_mwh).max()) / KWH_PER_MWH
         stored_kwh = float(plant.energy_kwh(state.soc))
         empty = max(0.0, 1.0 - stored_kwh / plant.capacity_kwh)
@@ -238,7 +211,7 @@ class DynamicProgramDispatch:
             share=np.ascontiguousarray(bands.probability[:, blocks.first].T),
             chance=bands.transition,
             wear=depths.curve_eur,
-            end_eur_kwh=end_eur_kwh,
+            end_eur_kwh=self._end_eur_kwh(inputs, eur[-1], blocks, depths),
             allowed_kwh=allowed_kwh,
             shadow_prices_eur_kwh=np.array(_CYCLE_PRICES) * max_eur_kwh,
         )
@@ -259,6 +232,44 @@ class DynamicProgramDispatch:
         plant = self._aggregate(state, limit_kw)
         energy_kwh, temperature_c = plant.energy_kwh(state.soc), plant.mean_c(state.temperature_c)
         return float(energy_kwh), plant.capacity_kwh, float(temperature_c)
+
+    def _cycle_limits(
+        self, inputs: DispatchInputs, blocks: Blocks, energy_kwh: float
+    ) -> tuple[npt.NDArray[np.int64], Array]:
+        """Return the period of each block, and the stored energy that each period may discharge [kWh]."""
+        if self._cycles_per_plan is None:
+            period = inputs.day[blocks.first] - inputs.day[0]
+            allowed_kwh = np.full(period[-1] + 1, self._cycles_per_day * energy_kwh)
+            allowed_kwh[0] = max(0.0, allowed_kwh[0] - inputs.discharged_kwh)
+        else:
+            period = np.zeros(blocks.first.size, dtype=np.int64)
+            allowed_kwh = np.array([self._cycles_per_plan * energy_kwh])
+        return period, np.minimum(allowed_kwh, inputs.remaining_kwh)
+
+    def _income_eur(self, price: Array, budget_price_eur_mwh: float, depths: CycleDepthCost) -> Array:
+        """Return the income per kWh discharged, charged, undelivered, and per kWh held for an hour."""
+        sell = (self._terms.discharge_price_eur_mwh(price) - budget_price_eur_mwh) / KWH_PER_MWH
+        return np.stack(
+            [
+                sell - depths.by_energy_eur_kwh,
+                -self._terms.charge_price_eur_mwh(price) / KWH_PER_MWH,
+                -self._terms.shortfall_price_eur_mwh(price) / KWH_PER_MWH,
+                np.full(price.shape, -depths.holding_eur_kwh_h),
+            ],
+            axis=2,
+        )
+
+    def _end_eur_kwh(
+        self, inputs: DispatchInputs, income_eur: Array, blocks: Blocks, depths: CycleDepthCost
+    ) -> float:
+        """Return the value of a kWh stored at the end: the lower of its purchase cost and its revenue."""
+        if inputs.is_last:
+            return 0.0
+        if self._end_price_eur_mwh is not None:
+            return self._end_price_eur_mwh / KWH_PER_MWH
+        sell, buy = income_eur[:, 0] - depths.marginal_eur_kwh.mean(), -income_eur[:, 1]
+        median, high = np.quantile(np.repeat([buy, sell], blocks.count, axis=1), [0.5, 0.9], axis=1)
+        return max(0.0, min(float(median[0]), float(high[1])))
 
     def _aggregate(self, state: State, limit_kw: Array) -> Aggregate:
         """Return the aggregate store, rebuilt when inverters fail or capacity changes by a thousandth."""
@@ -297,9 +308,3 @@ class DynamicProgramDispatch:
         wear_eur = depths.cost_eur(sold_kw * dt_h, energy_kwh, dt_h)
         starts = int(np.count_nonzero(is_on[:, 1:] & ~is_on[:, :-1]))  # after the first step
         return float(eur_per_h.sum()) * dt_h - wear_eur - terms.start_eur * starts
-
-
-def _terminal_value_eur_kwh(buy_sell_eur_kwh: Array) -> float:
-    """Return the terminal value per kWh: the lower of its purchase cost and its revenue."""
-    median, high = np.quantile(buy_sell_eur_kwh, [0.5, 0.9], axis=1)
-    return max(0.0, min(float(median[0]), float(high[1])))
