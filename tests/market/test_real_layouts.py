@@ -393,6 +393,20 @@ def test_profiles_labelled_at_the_end_of_the_quarter_hour_are_moved_to_its_start
     assert series.attrs["repairs"].rows("end-labels") == 192
 
 
+@pytest.mark.parametrize("days", [("2024-03-30", "2024-04-02"), ("2024-10-26", "2024-10-29")])
+@pytest.mark.parametrize("by_clock", [True, False])
+def test_labels_at_the_end_are_read_across_both_changes_of_the_clock(tmp_path, days, by_clock):
+    """The end as the clock shows it then (03:00 after 01:45 in spring), or the start and 15 min (02:00)."""
+    first, last = days
+    starts = pd.date_range(first, last, freq="15min", tz="Europe/Berlin", inclusive="left")
+    quarter = pd.Timedelta(minutes=15)
+    ends = starts + quarter if by_clock else starts.tz_localize(None) + quarter
+    rows = [f"{end:%d.%m.%Y %H:%M},{i}" for i, end in enumerate(ends)]
+    series = read_profile(write(tmp_path, "\n".join(["time,power", *rows]) + "\n"), time_zone="Europe/Berlin")
+    assert (series.index == starts.tz_convert("UTC")).all()
+    np.testing.assert_array_equal(series, np.arange(starts.size))
+
+
 # --- messages ----------------------------------------------------------------------------------------------
 
 

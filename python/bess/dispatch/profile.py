@@ -158,7 +158,7 @@ def read_profile(
         columns = read_columns(raw, repairs)
         chosen = columns.choose(column, "power")
         _check_unit(chosen, unit)
-        rows = columns.labelled_at_start(repairs).rows(chosen, time_zone, repairs)
+        rows = columns.rows(chosen, time_zone, repairs, may_label_ends=True)
         series = regular(rows, fill, repairs, bridged_s=0)
     power = _resampled(str(path), series, dt_h) * (_SIGN[positive] * _FACTORS[unit] * scale)
     power = power.rename("demand_kw")

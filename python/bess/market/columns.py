@@ -14,7 +14,7 @@ import pandas as pd
 from bess.market.files import Repairs, fail, first_line, listed
 from bess.market.numbers import check_size, parse_numbers
 from bess.market.table import Ending, Table, read_table
-from bess.market.times import YEARS, clock_of, ends_day, have_offsets, is_time, parse_times, to_utc
+from bess.market.times import YEARS, clock_of, ends_day, have_offsets, in_utc, is_time, parse_times, to_utc
 from bess.optional_dependencies import extra
 
 _CLOCK_CELL: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?")
@@ -67,24 +67,26 @@ class Columns:
         """Return the same columns with other wall-clock times."""
         return replace(self, times=self.times.assign(wall=wall))
 
-    def labelled_at_start(self, repairs: Repairs) -> "Columns":
-        """Return the columns with times that label the end of each interval moved to its start.
-
-        Times label the ends if the first is a step after midnight and the last is midnight.
-        """
+    def _end_labels(self, repairs: Repairs) -> pd.Timedelta | None:
+        """Return the step if times label the end of each interval: from a step after midnight to midnight."""
         wall = self.times["wall"]
         if wall.size < 2:
-            return self
-        step = wall.iloc[1] - wall.iloc[0]
+            return None
+        step = pd.Timedelta(wall.iloc[1] - wall.iloc[0])
         first, last = (wall.iloc[i] - wall.iloc[i].normalize() for i in (0, -1))
         if not (first == step and last == pd.Timedelta(0) and step <= pd.Timedelta(hours=1)):
-            return self
+            return None
         text = "moved times that label the end of their interval to its start"
         repairs.add("end-labels", text, wall.size, wall.index[0])
-        return self.at(wall - step)
+        return step
 
-    def rows(self, name: str, time_zone: str | None, repairs: Repairs) -> pd.DataFrame:
-        """Return the numbers of one column in UTC; times need an offset in the file or a `time_zone`."""
+    def rows(
+        self, name: str, time_zone: str | None, repairs: Repairs, *, may_label_ends: bool = False
+    ) -> pd.DataFrame:
+        """Return the numbers of one column in UTC; times need an offset in the file or a `time_zone`.
+
+        Times that label the end of each interval, if they may, are moved to its start.
+        """
         lines, offset_h = self.times.index, self.times["offset_h"]
         time_zone = time_zone or self.clock
         if have_offsets(self.times):
@@ -104,11 +106,22 @@ class Columns:
                 f"the time {self.times['wall'].iloc[0]:%Y-%m-%d %H:%M} has no time zone; give time_zone, "
                 "such as 'UTC' or 'Europe/Berlin'",
             )
-        rows = to_utc(self.times, self.values(name), clock, repairs, drop_skipped=False)
+        times, step = self.times, self._end_labels(repairs) if may_label_ends else None
+        by_clock = step is not None and _ascends(in_utc(times, clock))
+        if step is not None and not by_clock:
+            # The clock at the start of the interval and a step, even where the clock changes in it.
+            times = times.assign(wall=times["wall"] - step)
+        rows = to_utc(times, self.values(name), clock, repairs, drop_skipped=False)
+        if by_clock:
+            rows["utc"] -= step
         whole = ends_day(rows["utc"], clock) or ends_day(rows["utc"], UTC)
         if name == self.last and (self.ending is Ending.CUT or (self.ending is Ending.OPEN and not whole)):
             refuse_end(lines[-1], self.ending)
         return rows
+
+
+def _ascends(utc: pd.DatetimeIndex) -> bool:
+    return not utc.hasnans and utc.is_monotonic_increasing and utc.is_unique
 
 
 def without_unit(name: str) -> str:
