@@ -20,13 +20,17 @@ def budget(price: np.ndarray, cycles: float, throughput_kwh: float = np.inf) -> 
         price.size,
         cycles=cycles,
         throughput_kwh=throughput_kwh,
-        nominal_kwh=ENERGY_KWH,
+        nominal_kwh=np.array([ENERGY_KWH]),
         usable_kwh=ENERGY_KWH,
         power_kw=POWER_KW,
         efficiency=ROUND_TRIP,
         look_ahead_steps=144,
         dt_h=0.25,
     )
+
+
+def at(soc: float) -> bess.State:
+    return bess.State([soc], [25.0])
 
 
 def traded(price: np.ndarray, carried: CycleBudget) -> tuple[float, float]:
@@ -38,7 +42,7 @@ def traded(price: np.ndarray, carried: CycleBudget) -> tuple[float, float]:
     one_way, stored_kwh, before_kw, earned = np.sqrt(ROUND_TRIP), 0.0, 0.0, 0.0
     discharged_kwh = 0.0
     for step in range(price.size):
-        carried.advance(step, np.array([stored_kwh / ENERGY_KWH]), before_kw)
+        carried.advance(step, at(stored_kwh / ENERGY_KWH), before_kw)
         if arbitrage.is_due(step):
             plan_kw = arbitrage.plan(
                 step,
@@ -46,7 +50,7 @@ def traded(price: np.ndarray, carried: CycleBudget) -> tuple[float, float]:
                 budget_price_eur_mwh=carried.price_eur_mwh,
                 remaining_kwh=carried.remaining_kwh,
             )
-        before_kw = float(carried.limited(plan_kw[step % 24 : step % 24 + 1], ENERGY_KWH)[0])
+        before_kw = float(carried.limited(plan_kw[step % 24 : step % 24 + 1])[0])
         drawn_kwh = 0.25 * (before_kw / one_way if before_kw > 0.0 else before_kw * one_way)
         discharged_kwh += max(0.0, drawn_kwh)
         stored_kwh -= drawn_kwh
@@ -91,13 +95,13 @@ def test_a_budget_is_spent_and_never_exceeded(limit: str) -> None:
 
 def test_a_budget_that_does_not_bind_has_no_price() -> None:
     carried = budget(DAILY, 1e6)
-    carried.advance(0, np.array([0.5]), 0.0)
+    carried.advance(0, at(0.5), 0.0)
     assert carried.price_eur_mwh == 0.0
 
 
 def test_the_price_of_the_first_day_is_what_a_cycle_earns_on_it() -> None:
     carried = budget(DAILY, 14.0)
-    carried.advance(0, np.array([0.5]), 0.0)
+    carried.advance(0, at(0.5), 0.0)
     due = 14.0 / 28.0 * 0.85 / np.expm1(0.85) * 1.5
     value = bess.store_value(DAILY[:144], cycles=due)
     assert carried.price_eur_mwh == pytest.approx(value.cycle_price_eur / np.sqrt(ROUND_TRIP))
@@ -108,7 +112,7 @@ def test_the_price_rises_where_more_was_used_than_was_due() -> None:
     for soc in ([1.0, 1.0], [1.0, 0.0]):
         carried = budget(DAILY, 14.0)
         for step, each in zip((0, 96), soc, strict=True):
-            carried.advance(step, np.array([each]), 0.0)
+            carried.advance(step, at(each), 0.0)
         prices.append(carried.price_eur_mwh)
     assert prices[1] > 1.02 * prices[0]
 
@@ -116,11 +120,24 @@ def test_the_price_rises_where_more_was_used_than_was_due() -> None:
 def test_each_year_has_its_own_budget_and_the_last_a_part_of_one() -> None:
     carried = CycleBudget(
         PerfectForecast(DAILY), np.array([0, 960, 1920, 2880]), DAILY.size, cycles=10.0,
-        throughput_kwh=np.inf, nominal_kwh=ENERGY_KWH, usable_kwh=ENERGY_KWH, power_kw=POWER_KW,
+        throughput_kwh=np.inf, nominal_kwh=np.array([ENERGY_KWH]), usable_kwh=ENERGY_KWH, power_kw=POWER_KW,
         efficiency=ROUND_TRIP, look_ahead_steps=144, dt_h=0.25,
     )  # fmt: skip
     left = []
     for step in (0, 959, 960, 1920):
-        carried.advance(step, np.array([0.5 if step == 959 else 1.0]), 0.0)
+        carried.advance(step, at(0.5 if step == 959 else 1.0), 0.0)
         left.append(carried.remaining_kwh)
     assert left == pytest.approx([10e3, 9.5e3, 10e3, 8e3])
+
+
+def test_a_cycle_is_the_nominal_energy_through_the_cells_of_strings_of_any_size_and_age() -> None:
+    """Of 1,000 and 250 kWh when new, 700 and 225 are left; the first is discharged by half."""
+    carried = CycleBudget(
+        PerfectForecast(DAILY), np.array([0, DAILY.size]), DAILY.size, cycles=10.0, throughput_kwh=np.inf,
+        nominal_kwh=np.array([1000.0, 250.0]), usable_kwh=925.0, power_kw=POWER_KW,
+        efficiency=ROUND_TRIP, look_ahead_steps=144, dt_h=0.25,
+    )  # fmt: skip
+    for step, soc in enumerate(([0.9, 0.3], [0.4, 0.5])):
+        carried.advance(step, bess.State(soc, [25.0, 25.0], [0.7, 0.9]), 0.0)
+    assert carried.cycles_used == pytest.approx(0.5 * 700.0 / 1250.0)
+    assert carried.recorded()["budget_cycles"] == carried.cycles_used

@@ -12,6 +12,7 @@ from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.dispatch.forecast import Forecast
 from bess.dispatch.store_value import store_value
+from bess.system import State
 from bess.units import HOURS_PER_DAY, KWH_PER_MWH
 
 _USE_GROWTH: Final = 0.85
@@ -40,7 +41,8 @@ _MIN_POWER: Final = 0.05
 class CycleBudget(Checkpointed):
     r"""Remaining cycles and throughput of each year of a run, and their shadow price.
 
-    A full cycle is the nominal energy, charged or discharged, whichever sum is larger so far; throughput is
+    A full cycle is the nominal energy, charged to or discharged from the cells, whichever sum is larger so
+    far; the energy of a string is its present nominal energy times the change of its SOC. Throughput is
     discharged energy (AC). A year that the run covers in part has this part of the budget. Unused budget
     expires at the end of a year.
 
@@ -64,9 +66,10 @@ class CycleBudget(Checkpointed):
         Steps of the run, which may end within a year.
     cycles, throughput_kwh : float
         Budget of a whole year; infinite without a limit.
-    nominal_kwh, usable_kwh, power_kw, efficiency : float
-        The plant as an ideal store: nominal energy, energy between the SOC limits, AC power, round-trip
-        efficiency.
+    nominal_kwh : ndarray, shape (n_strings,)
+        Nominal energy of each string as in the system file.
+    usable_kwh, power_kw, efficiency : float
+        The plant as an ideal store: energy between the SOC limits, AC power, round-trip efficiency.
     look_ahead_steps : int
         Length of the price forecast [steps].
     dt_h : float
@@ -86,7 +89,7 @@ class CycleBudget(Checkpointed):
         *,
         cycles: float,
         throughput_kwh: float,
-        nominal_kwh: float,
+        nominal_kwh: Array,
         usable_kwh: float,
         power_kw: float,
         efficiency: float,
@@ -96,7 +99,8 @@ class CycleBudget(Checkpointed):
         self._prices, self._year_steps = prices, np.diff(years)
         self._years = np.minimum(years, n_steps)
         self._cycles, self._throughput_kwh = cycles, throughput_kwh
-        self._nominal_kwh, self._usable_kwh, self._power_kw = nominal_kwh, usable_kwh, power_kw
+        self._string_kwh, self._nominal_kwh = nominal_kwh, float(nominal_kwh.sum())
+        self._usable_kwh, self._power_kw = usable_kwh, power_kw
         self._efficiency, self._one_way = efficiency, float(np.sqrt(efficiency))
         self._look_ahead_steps, self._dt_h = look_ahead_steps, dt_h
         self._day_steps = max(1, round(HOURS_PER_DAY / dt_h))
@@ -122,8 +126,8 @@ class CycleBudget(Checkpointed):
         stored_kwh = min(left_cycles * self._nominal_kwh, remaining_kwh / self._one_way)
         return max(0.0, float(stored_kwh - bound_kwh / self._one_way))
 
-    def advance(self, step: int, soc: Array, delivered_kw: float, service_kw: float = 0.0) -> None:
-        """Count the step before ``step``, which ended at ``soc``, and update the price once a day.
+    def advance(self, step: int, state: State, delivered_kw: float, service_kw: float = 0.0) -> None:
+        """Count the step before ``step``, which ended at ``state``, and update the price once a day.
 
         ``service_kw`` is the part of its delivered power (positive = discharge) that a service required; the
         same mean power is reserved for the rest of the year.
@@ -131,21 +135,21 @@ class CycleBudget(Checkpointed):
         self._bound_kwh += max(0.0, service_kw) * self._dt_h
         self._counted = step
         if self._soc is not None:
-            change = soc - self._soc
-            self._charged += float(np.maximum(change, 0.0).mean())
-            self._discharged += float(np.maximum(-change, 0.0).mean())
+            present_kwh = self._string_kwh * state.soh_capacity
+            cycles = (state.soc - self._soc) * present_kwh / self._nominal_kwh
+            self._charged += float(np.maximum(cycles, 0.0).sum())
+            self._discharged += float(np.maximum(-cycles, 0.0).sum())
             self._discharged_kwh += max(0.0, delivered_kw) * self._dt_h
-        self._soc = soc.copy()
+        self._soc = state.soc.copy()
         if step == self._years[self._year + 1]:
             self._year += 1
             self._charged, self._discharged, self._discharged_kwh = 0.0, 0.0, 0.0
         if step % self._day_steps == 0:
             self._update_price(step)
 
-    def limited(self, demand_kw: Array, smallest_kwh: float) -> Array:
-        """Limit a demand to the remaining budget; ``smallest_kwh`` is the lowest capacity of a string."""
-        share, n_strings = self._share, 1 if self._soc is None else self._soc.size
-        per_cycle_kwh = _MAX_STEP_SHARE * smallest_kwh * n_strings
+    def limited(self, demand_kw: Array) -> Array:
+        """Limit a demand to the remaining budget."""
+        share, per_cycle_kwh = self._share, _MAX_STEP_SHARE * self._nominal_kwh
         charge_kwh = per_cycle_kwh * (share * self._cycles - self._charged)
         discharge_kwh = min(
             per_cycle_kwh * (share * self._cycles - self._discharged),

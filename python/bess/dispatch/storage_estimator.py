@@ -26,7 +26,6 @@ class StorageEstimator(Checkpointed):
 
     def __init__(self, system: System, efficiency: float):
         self._soc_min, self._soc_max = system.soc_window
-        self._nominal_kwh = system.nominal_energy_kwh
         fresh = State(np.full(system.n_strings, 0.5), np.full(system.n_strings, 25.0))
         self._energy = StringEnergy(system, fresh.soh_capacity)
         self._level_kwh = self._energy.kwh(np.tile(_LEVELS, (system.n_strings, 1)))
@@ -71,10 +70,6 @@ class StorageEstimator(Checkpointed):
         """Energy capacity: every string at ``soc_max``, or at its own limit if that is lower."""
         full = self._energy.kwh(np.minimum(self._soc_max, np.maximum(soc_max, self._soc_min)))
         return float((full * state.soh_capacity).sum())
-
-    def smallest_kwh(self, state: State) -> float:
-        """Present nominal energy of the smallest string."""
-        return float((self._nominal_kwh * state.soh_capacity).min())
 
     def soc_at(self, state: State, stored_kwh: float) -> float:
         """Return the common SOC of all strings at a total stored energy."""

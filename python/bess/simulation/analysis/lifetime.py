@@ -151,8 +151,8 @@ def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
 def budget_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     """Yield the largest used share of a yearly budget, for studies with ``[budget]``.
 
-    A partly simulated year has a proportional budget. Full cycles are the larger of charged and discharged
-    SOC, mean over the strings; throughput is discharged energy (AC).
+    A partly simulated year has a proportional budget. Full cycles and throughput are those of
+    :class:`bess.dispatch.CycleBudget`.
     """
     if "budget_cycles" not in dataset:
         return
@@ -161,9 +161,11 @@ def budget_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     grid = TimeGrid.of_record(dataset)
     years = np.minimum(grid.years, grid.n_steps)
     part = np.diff(years) / np.diff(grid.years)
-    change = np.diff(with_initial(dataset, "soc"), axis=0)
+    nominal_kwh = np.ravel(dataset.attrs["nominal_energy_kwh"])
+    change_kwh = np.diff(with_initial(dataset, "soc"), axis=0) * dataset["soh_capacity"].values * nominal_kwh
     charged, discharged = (
-        np.add.reduceat(np.maximum(sign * change, 0.0).mean(axis=1), years[:-1]) for sign in (1.0, -1.0)
+        np.add.reduceat(np.maximum(sign * change_kwh, 0.0).sum(axis=1), years[:-1]) / nominal_kwh.sum()
+        for sign in (1.0, -1.0)
     )
     sold_mwh = np.maximum(dataset["delivered_kw"].values, 0.0).sum(axis=1) * step_h / KWH_PER_MWH
     used = [

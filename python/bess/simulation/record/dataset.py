@@ -289,6 +289,7 @@ def describe_frame(
             "time_zone": "UTC",
             "start_s": grid.start_s,
             "step_h": grid.dt_h,
+            "nominal_energy_kwh": system.nominal_energy_kwh.tolist(),
             "initial_soc": initial.soc.tolist(),
             "initial_temperature_c": initial.temperature_c.tolist(),
             "initial_soh_capacity": initial.soh_capacity.tolist(),

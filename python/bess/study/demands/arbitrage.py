@@ -350,7 +350,7 @@ class ArbitrageSource(DemandSource):
         state = now.state
         self.measured(step, state.soc, state.soh_capacity)
         if self.budget is not None:
-            self.budget.advance(step, state.soc, now.delivered_kw)
+            self.budget.advance(step, state, now.delivered_kw)
         if self.connection is not None:
             self.connection.advance(step, now.delivered_kw)
         if self._plan is None or self.planner.is_due(step, now, self._plan):
@@ -362,10 +362,7 @@ class ArbitrageSource(DemandSource):
             dt_h = self.system.control.step_min / 60.0
             max_kw = min(self._energy_kwh / dt_h, float(now.limit_kw.sum()))
             demand_kw[0] = self.connection.limited(step, float(demand_kw[0]), max_kw)
-        if self.budget is None:
-            return demand_kw
-        smallest_kwh = float((self.system.nominal_energy_kwh * state.soh_capacity).min())
-        return self.budget.limited(demand_kw, smallest_kwh)
+        return demand_kw if self.budget is None else self.budget.limited(demand_kw)
 
     def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""

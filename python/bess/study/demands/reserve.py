@@ -315,7 +315,7 @@ class ReserveSource(DemandSource):
         stored_kwh, capacity_kwh = self.store.stored_kwh(now.state), self.store.capacity_kwh(now.state)
         if self.budget is not None:
             answered_kw = max(0.0, self._recorded.get("response_kw", 0.0))
-            self.budget.advance(step, now.state.soc, now.delivered_kw, answered_kw)
+            self.budget.advance(step, now.state, now.delivered_kw, answered_kw)
         capacity_kw = float(self.capacity_kw[step])
         window, largest = (
             EnergyWindow.of(each, self.choice.duration_min, capacity_kwh, self.store.one_way_efficiency)
@@ -339,7 +339,7 @@ class ReserveSource(DemandSource):
         demand_kw = padded(response_kw, horizon) + schedule_kw
         if self.budget is None:
             return demand_kw
-        allowed_kw = self.budget.limited(demand_kw, self.store.smallest_kwh(now.state))
+        allowed_kw = self.budget.limited(demand_kw)
         if allowed_kw[0] != demand_kw[0]:
             self._recorded["capacity_able_kw"] = 0.0
         self._recorded |= self.budget.recorded()

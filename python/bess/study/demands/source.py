@@ -160,7 +160,7 @@ class Setting:
             grid.n_steps,
             cycles=limits.cycles_per_year or np.inf,
             throughput_kwh=KWH_PER_MWH * (limits.throughput_mwh_per_year or np.inf),
-            nominal_kwh=float(self.system.nominal_energy_kwh.sum()),
+            nominal_kwh=self.system.nominal_energy_kwh,
             usable_kwh=energy_kwh,
             power_kw=power_kw,
             efficiency=efficiency,
