@@ -107,13 +107,13 @@ class Columns:
                 "such as 'UTC' or 'Europe/Berlin'",
             )
         times, step = self.times, self._end_labels(repairs) if may_label_ends else None
-        by_clock = step is not None and _ascends(in_utc(times, clock))
-        if step is not None and not by_clock:
+        late = step if step is not None and _ascends(in_utc(times, clock)) else None
+        if step is not None and late is None:
             # The clock at the start of the interval and a step, even where the clock changes in it.
             times = times.assign(wall=times["wall"] - step)
         rows = to_utc(times, self.values(name), clock, repairs, drop_skipped=False)
-        if by_clock:
-            rows["utc"] -= step
+        if late is not None:
+            rows["utc"] -= late
         whole = ends_day(rows["utc"], clock) or ends_day(rows["utc"], UTC)
         if name == self.last and (self.ending is Ending.CUT or (self.ending is Ending.OPEN and not whole)):
             refuse_end(lines[-1], self.ending)
