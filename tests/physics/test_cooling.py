@@ -240,7 +240,8 @@ def test_a_hybrid_chills_only_while_the_warmest_string_is_too_warm() -> None:
 
 @pytest.mark.parametrize("kind", _core.cooling_kinds())
 def test_a_cooled_plant_continues_bit_by_bit_from_a_snapshot(kind: str) -> None:
-    system = cooled(2, kind=kind, start_c=30.0, loop={"heat_capacity_kj_k": 400.0, "source_kw": 5.0})
+    loop = {"heat_capacity_kj_k": 400.0, "source_kw": 5.0, "wall_w_k": 20.0}
+    system = cooled(2, kind=kind, start_c=30.0, loop=loop)
     request = np.full((40, 2), [70.0, -40.0])
     whole = plant_of(system, [29.5, 27.0], 33.0)
     expected = whole.run(request)
@@ -326,6 +327,10 @@ def test_a_controller_that_is_told_no_ambient_takes_what_the_strings_cool_toward
         ({"kind": "liquid", "flow_steps": [1.0, 0.5]}, "knots must ascend"),
         ({"kind": "liquid", "flow_steps": [0.0]}, "a stage of flow is above 0"),
         ({"kind": "air", "variable_flow": True}, "variable_flow needs start_c"),
+        (
+            {"kind": "air", "loop": {"heat_capacity_kj_k": 900.0}},
+            r"no heat sink; set supply_c, or loop.wall_w_k above 0 W/K",
+        ),
         (
             {"kind": "liquid", "loop": {"heat_capacity_kj_k": 1.0}},
             r"heat_capacity_kj_k 1 kJ/K is outside \[13\.32, ",

@@ -57,6 +57,12 @@ class AirCooling(_Cooling):
     pressure_pa: NonNegative = 250.0
     mover_efficiency: Annotated[Fraction, Field(gt=0.0)] = 0.4
 
+    @model_validator(mode="after")
+    def _check_sink(self) -> Self:
+        if self.loop is not None and self.supply_c is None and self.loop.wall_w_k == 0.0:
+            raise ValueError("the air of loop has no heat sink; set supply_c, or loop.wall_w_k above 0 W/K")
+        return self
+
 
 class LiquidCooling(_Cooling):
     """Cold plates with 40 % water glycol, from a chiller or, at low ambient temperature, a dry cooler."""
