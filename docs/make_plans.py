@@ -130,7 +130,7 @@ def demand_kw(n_strings: int, days: int) -> Array:
 
 def soc_limits() -> list[list[str]]:
     """Costs of runs with different lower limits of SOC."""
-    rows = [["plant", f"`mpc`, {WEEK} days", f"`mpc`, {MONTH} days", f"`soc`, {MONTH} days"]]
+    rows = [["plant", f"`mpc`, first {WEEK} of {MONTH} days", f"`mpc`, {MONTH} days", f"`soc`, {MONTH} days"]]
     random = np.random.default_rng(SEED)
     drawn = [
         (int(random.integers(2, 5)), round(random.uniform(0.45, 1.25), 2), int(random.integers(10, 35)))

@@ -35,6 +35,11 @@ def as_table(self: HasFacts) -> str:
     return f"<table><caption>{escape(type(self).__name__)}</caption>{rows}</table>"
 
 
+def rounded(value: float) -> str:
+    """Return a number with two digits, and no exponent below a million: 240, not 2.4e+02."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
 def few(values: Iterable[float], digits: str = ".3g", unit: str = "") -> str:
     """Return all of a few numbers, or the first and last of many."""
     texts = [format(value, digits) for value in values]

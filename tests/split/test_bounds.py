@@ -9,6 +9,7 @@ from bess.control.split import bounds, power_split
 from bess.control.split.bounds import Certificate
 from bess.control.split.relaxation.group import RelaxedGroup
 from bess.control.split.result import SplitStatus
+from bess.display import rounded
 
 SYSTEM = bess.System.reference(n_strings=2)
 
@@ -88,7 +89,7 @@ def test_a_status_says_optimal_only_where_the_rigorous_gap_is_within_the_gap_ask
             for group, abs_tol in zip(split.groups, tolerances, strict=True)
         )
         assert (split.status is SplitStatus.OPTIMAL) == proven
-        assert f"{100.0 * max(group.gap for group in split.groups):.2g} %" in split.statement
+        assert f"{rounded(100.0 * max(group.gap for group in split.groups))} %" in split.statement
     assert {SplitStatus.OPTIMAL, SplitStatus.CONVEXIFIED_CLOSED} <= seen
 
 

@@ -9,6 +9,7 @@ from bess._core import ageing_models
 from bess.control.planning.groups import MIN_GROUPS
 from bess.control.planning.planner import BOUND_STEPS, rollouts_of
 from bess.control.policies import POLICIES, plug_ins
+from bess.display import rounded
 from bess.errors import InputError, placed
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.runner import closed_loop
@@ -50,7 +51,7 @@ def findings(study: Study) -> Iterator[str]:
             f"ambient: {inputs.ambient_c.min():g} to {inputs.ambient_c.max():g} degC",
             *_events(each),
             _policy(each, inputs),
-            f"time: about {_seconds(each, inputs):.2g} CPU s, an estimate without dispatch and files",
+            f"time: about {rounded(_seconds(each, inputs))} CPU s, an estimate without dispatch and files",
             *([_PAPER] if each.policy.name == "mpc" and each.policy.objectives.kind == "paper" else []),
         ]
         yield name if facts != seen else f"{name}: same data"

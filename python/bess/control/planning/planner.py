@@ -16,7 +16,7 @@ from bess.control.planning.groups import MAX_BOUNDED_KINDS, groups_of, kinds_of
 from bess.control.planning.prices import PlanPrices
 from bess.control.planning.proven_bound import proven_bound
 from bess.control.problem import SplitProblem, check_horizon
-from bess.display import as_table, few, one_line
+from bess.display import as_table, few, one_line, rounded
 from bess.errors import InputError
 from bess.system import State, System
 
@@ -110,7 +110,7 @@ class Plan(ByValue):
         """Optimality gap estimated with :attr:`search_bound`, as a share of the cost.
 
         The grid can raise the search bound above the cost: by up to 1 %, the gap is 0; by more, the bound is
-        refuted, and the proven one takes its place (docs/foresight.md).
+        refuted, and the proven one takes its place; NaN without one (docs/foresight.md).
         """
         return float(np.maximum(self._share_above(self.search_bound), 0.0))
 
@@ -125,8 +125,8 @@ class Plan(ByValue):
             "set-points now": few(self.request_kw[:, 0], ".3g", "kW"),
             "steps": str(self.request_kw.shape[1]),
             "cost": f"{self.cost:.4g}, of the cheapest rule {self.rule_cost:.4g}",
-            "search gap": f"{100.0 * self.search_gap:.2g} %",
-            "gap": f"{100.0 * self.gap:.2g} %",
+            "search gap": f"{rounded(100.0 * self.search_gap)} %",
+            "gap": f"{rounded(100.0 * self.gap)} %",
         }
 
     __repr__ = one_line

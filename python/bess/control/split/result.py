@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bess.control.rollout import Rollout
 
 from bess.arrays import Array, ByValue
-from bess.display import as_table, few, one_line
+from bess.display import as_table, few, one_line, rounded
 
 
 class SplitStatus(Enum):
@@ -126,7 +126,7 @@ class Split(ByValue):
             "set-points now": few(self.request_kw[:, 0], ".3g", "kW"),
             "steps": str(self.request_kw.shape[1]),
             "status": str(self.status),
-            "gap": f"{100.0 * self.gap:.2g} %",
+            "gap": f"{rounded(100.0 * self.gap)} %",
             "solve time": f"{1e3 * self.solve_time_s:.3g} ms",
         }
 
@@ -155,7 +155,7 @@ class Split(ByValue):
 
     @property
     def search_gap(self) -> float:
-        """Relative distance of the objective from the optimum of the convexified program."""
+        """Relative distance of the objective from the optimum of the convexified program, or its bound."""
         return self.groups[-1].search_gap
 
     @property
@@ -167,8 +167,8 @@ class Split(ByValue):
             100.0 * max(getattr(group, name) for group in self.groups) for name in ("gap", "search_gap")
         )
         return (
-            f"{self.status} The rigorous gap is {gap:.2g} %, "
-            f"that of the convexified program {search_gap:.2g} %."
+            f"{self.status} The rigorous gap is {rounded(gap)} %, "
+            f"that of the convexified program {rounded(search_gap)} %."
         )
 
     @property

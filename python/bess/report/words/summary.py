@@ -11,6 +11,7 @@ import numpy as np
 
 from bess.control.policies.planned import PLANNED
 from bess.control.policies.settings import DEFAULT_FORESIGHT_H
+from bess.display import rounded
 from bess.errors import by_reason
 from bess.report.contents import MAX_COMPARED_RUNS
 from bess.report.data import events_of, operation_of, step_h
@@ -159,7 +160,7 @@ def _gap_sentence(run: Run) -> Iterator[str]:
     worth = float((np.clip(gap, 0.0, 1.0) * lost_kw)[known].sum()) * step_h(data)
     middle, worst = 100.0 * np.median(gap[known]), 100.0 * gap[known].max()
     yield (
-        f"Rigorous gap of the splits: {middle:.2g} % (median), {worst:.2g} % (worst of "
+        f"Rigorous gap of the splits: {rounded(middle)} % (median), {rounded(worst)} % (worst of "
         f"{int(known.sum()):,} steps), or {_kwh(worth)} of the undelivered energy and losses in these steps."
     )
 
@@ -196,7 +197,8 @@ def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str
 def _plan_gap(run: Run, of_run: str) -> str:
     """Optimality gap of the plans of a run."""
     bounds = {"plan_search_gap_pct": "the estimated lower bound", "plan_gap_pct": "the rigorous one"}
-    gaps = [f"within {run.kpis[name]:.2g} % of {bound}" for name, bound in bounds.items() if name in run.kpis]
+    found = {bound: run.kpis[name] for name, bound in bounds.items() if name in run.kpis}
+    gaps = [f"within {rounded(gap)} % of {bound}" for bound, gap in found.items()]
     if not gaps:
         return f"No plan{of_run} has a bound."
     return f"Plans{of_run} are {' and '.join(gaps)} (medians of the plans with a bound)."
@@ -267,7 +269,7 @@ def _warnings_of(run: Run) -> Iterator[str]:
         )
     residual = float(np.abs(data["ledger_residual_kwh"]).max())
     if residual > _LEDGER_TOLERANCE_KWH:
-        yield f"the energy balance does not close: residual of up to {residual:.2g} kWh in a step."
+        yield f"the energy balance does not close: residual of up to {rounded(residual)} kWh in a step."
 
 
 _MIN_MENTIONED = 0.01
