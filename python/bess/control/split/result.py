@@ -38,7 +38,7 @@ class SplitStatus(Enum):
         7,
         "The problem is too large to relax; best split found, with a bound from single steps.",
     )
-    NODE_LIMIT = (4, "Node limit reached; best split found.")
+    NODE_LIMIT = (4, "Node limit reached, or no nodes spent on a small gap; best split found.")
     TIME_LIMIT = (5, "Time limit reached; best split found.")
     SOLVER_FAILED = (
         6,
