@@ -103,14 +103,16 @@ def test_calls_repeat_to_the_last_bit_and_continue_from_a_state_dict() -> None:
         assert (a.cost, a.rule_cost, a.rollouts) == (b.cost, b.rule_cost, b.rollouts)
 
 
-def test_plans_of_one_minute_steps_also_start_from_the_schedule_of_their_bound() -> None:
-    """The bound is computed in quarter hours. From the rules and pairs alone, the gap was 4.2 %."""
-    rng = np.random.default_rng(4)
+@pytest.mark.parametrize("seed", range(4, 7))
+def test_plans_of_one_minute_steps_cost_no_more_than_those_of_quarter_hours(seed: int) -> None:
+    """They start from the schedule of the bound in quarter hours. From rules and pairs: up to 26 % more."""
+    rng = np.random.default_rng(seed)
     system = bess.System.reference(3)
     power_kw = 0.4 * system.nominal_kw.sum() * rng.choice([-1.0, 0.0, 1.0], 8) * rng.uniform(0.2, 1.0, 8)
     start = bess.State(soc=rng.uniform(0.3, 0.7, 3), temperature_c=rng.uniform(20.0, 35.0, 3))
-    plan = bess.plan_power(system, start, np.repeat(power_kw, 45), dt_h=1.0 / 60.0)
-    assert plan.search_gap < 0.03
+    minutes = bess.plan_power(system, start, np.repeat(power_kw, 45), dt_h=1.0 / 60.0)
+    quarters = bess.plan_power(system, start, np.repeat(power_kw, 3))
+    assert minutes.cost <= 1.001 * quarters.cost
 
 
 def test_effort_is_counted_in_roll_outs() -> None:
