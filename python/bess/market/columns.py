@@ -106,14 +106,13 @@ class Columns:
                 f"the time {self.times['wall'].iloc[0]:%Y-%m-%d %H:%M} has no time zone; give time_zone, "
                 "such as 'UTC' or 'Europe/Berlin'",
             )
-        times, step = self.times, self._end_labels(repairs) if may_label_ends else None
-        late = step if step is not None and _ascends(in_utc(times, clock)) else None
-        if step is not None and late is None:
+        step = self._end_labels(repairs) if may_label_ends else None
+        if step is not None and not _ascends(in_utc(self.times, clock)):
             # The clock at the start of the interval and a step, even where the clock changes in it.
-            times = times.assign(wall=times["wall"] - step)
-        rows = to_utc(times, self.values(name), clock, repairs, drop_skipped=False)
-        if late is not None:
-            rows["utc"] -= late
+            return self.at(self.times["wall"] - step).rows(name, time_zone, repairs)
+        rows = to_utc(self.times, self.values(name), clock, repairs, drop_skipped=False)
+        if step is not None:
+            rows["utc"] -= step
         whole = ends_day(rows["utc"], clock) or ends_day(rows["utc"], UTC)
         if name == self.last and (self.ending is Ending.CUT or (self.ending is Ending.OPEN and not whole)):
             refuse_end(lines[-1], self.ending)
