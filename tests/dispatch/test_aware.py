@@ -119,7 +119,7 @@ def test_a_cycle_can_pay_although_its_discharge_alone_does_not(
 @pytest.mark.independent
 @pytest.mark.parametrize("seed", range(6))
 def test_where_cycles_are_few_a_plan_earns_about_as_much_as_a_linear_program(seed: int) -> None:
-    """In the plant, over 12 hours of noisy prices: 98 % in the median of 150 draws, and 93 % at least."""
+    """In the plant, over 12 hours of noisy prices. Of 150 other draws two earned 93 to 94 %; median 98 %."""
     rng = np.random.default_rng(seed)
     hour, energy_kwh, soc = np.arange(48) * 0.25, 180.0, rng.uniform(0.1, 0.9)
     price = (
@@ -136,7 +136,7 @@ def test_where_cycles_are_few_a_plan_earns_about_as_much_as_a_linear_program(see
     for demand_kw in (aware.plan(inputs, state).demand_kw, linear.plan(0, soc * energy_kwh)):
         flows = bess.Plant(system, state, plant_step_s=60.0).run(demand_kw[:, None], step_s=900.0)
         earned.append(float(flows.delivered_kw[:, 0] @ price))
-    assert earned[0] > 0.92 * earned[1]
+    assert earned[0] > 0.94 * earned[1]
 
 
 def test_a_plan_stays_within_cycles_power_and_energy() -> None:
@@ -238,7 +238,7 @@ def test_a_plan_earns_what_dynamic_programming_finds(seed: int) -> None:
     inputs = DispatchInputs(price, np.full(48, 25.0), np.zeros(48, dtype=np.int64), is_last=True)
     plan = DynamicProgramDispatch(system, 0.25, SettlementTerms(), cycles_per_day=99.0).plan(inputs, state)
     assert plan.expected_net_eur <= best_eur * 1.001
-    assert plan.expected_net_eur >= best_eur * 0.985  # 0.9887 at least in 140 draws, 0.998 in the median
+    assert plan.expected_net_eur >= best_eur * 0.99  # of 140 other draws one has 0.9887; median 0.998
 
 
 def test_a_longer_look_ahead_earns_no_less(tmp_path: Path) -> None:

@@ -77,7 +77,8 @@ def test_a_band_of_no_width_is_the_point_forecast_to_the_bit() -> None:
 def test_information_is_never_worth_less_than_nothing(seed: int) -> None:
     """All paths of a tree, in the plant: known prices earn more than a hedge, and a hedge than the mean.
 
-    Up to half a per cent: the hedge is planned anew each hour, and the plan of known prices once.
+    In 4 of 60 other draws the hedge, which is planned anew each hour, earns up to 0.3 % more than the plan of
+    known prices, which is made once.
     """
     rng = np.random.default_rng(seed)
     levels = np.sort(rng.uniform(10.0, 120.0, (2, 3)), axis=0)
@@ -109,8 +110,8 @@ def test_information_is_never_worth_less_than_nothing(seed: int) -> None:
         price = hours(start, *levels[path, range(3)])
         asked = plan(dispatch, state, PriceBands.certain(price)).demand_kw
         known += share * earned(state, asked, price)[0]
-    assert known > 0.995 * hedge > 0.0
-    assert hedge > mean - 0.01 * known
+    assert known > hedge > 0.0
+    assert hedge > mean - 0.005 * known
 
 
 def test_bands_never_look_ahead() -> None:

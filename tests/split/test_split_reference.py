@@ -105,8 +105,8 @@ def check(system, splitters, kind, seed, whole_trees=None):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(8))
-def test_split_is_that_of_exhaustive_search(system, splitters, whole_trees, kind, seed):
-    assert max(check(system, splitters, kind, seed, whole_trees)) <= 1e-3
+def test_split_is_that_of_exhaustive_search(system, splitters, kind, seed):
+    assert max(check(system, splitters, kind, seed)) <= 1e-3
 
 
 @pytest.fixture(scope="module")
