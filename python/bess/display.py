@@ -35,14 +35,14 @@ def as_table(self: HasFacts) -> str:
     return f"<table><caption>{escape(type(self).__name__)}</caption>{rows}</table>"
 
 
-def rounded(value: float) -> str:
-    """Return a number with two digits, and no exponent below a million: 240, not 2.4e+02."""
-    return f"{float(f'{value:.2g}'):g}"
+def rounded(value: float, digits: int = 2) -> str:
+    """Return a number with a few digits, and no exponent below a million: 240, not 2.4e+02."""
+    return f"{float(f'{value:.{digits}g}'):g}"
 
 
-def few(values: Iterable[float], digits: str = ".3g", unit: str = "") -> str:
+def few(values: Iterable[float], unit: str = "") -> str:
     """Return all of a few numbers, or the first and last of many."""
-    texts = [format(value, digits) for value in values]
+    texts = [rounded(value, 3) for value in values]
     if len(texts) > _MAX_NUMBERS:
         texts = [*texts[:3], "…", *texts[-2:]]
     return f"{', '.join(texts)} {unit}".rstrip()

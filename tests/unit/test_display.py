@@ -10,13 +10,14 @@ import pytest
 from matplotlib.axes import Axes
 
 import bess
-from bess.display import rounded
+from bess.display import few, rounded
 
 
 def test_two_digits_have_no_exponent() -> None:
     """A gap without a bound read "1e+02 %", and a long run "2.4e+02 CPU s"."""
     texts = [rounded(value) for value in (100.0, 243.0, 2.41, 0.0123, 0.0, float("nan"))]
     assert texts == ["100", "240", "2.4", "0.012", "0", "nan"]
+    assert few([1984.0, 12.34], "kW") == "1980, 12.3 kW"
 
 
 @pytest.fixture(scope="module")

@@ -59,7 +59,7 @@ class Rollout(ByValue):
             return {"schedules": " x ".join(map(str, batch)), **facts}
         return facts | {
             "soc at the end": few(self.soc[:, -1]),
-            "temperature at the end": few(self.temperature_c[:, -1], ".3g", "°C"),
+            "temperature at the end": few(self.temperature_c[:, -1], "°C"),
         }
 
     __repr__ = one_line

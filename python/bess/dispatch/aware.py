@@ -15,7 +15,7 @@ from bess.dispatch.aggregate import Aggregate
 from bess.dispatch.bands import PriceBands
 from bess.dispatch.blocks import Blocks
 from bess.dispatch.cycle_depth_cost import CycleDepthCost
-from bess.display import as_table, one_line
+from bess.display import as_table, one_line, rounded
 from bess.system import State, System
 from bess.system.terms import SettlementTerms
 from bess.units import KWH_PER_MWH
@@ -63,7 +63,7 @@ class DispatchPlan(ByValue):
     def _facts(self) -> dict[str, str]:
         return {
             "steps": str(self.demand_kw.size),
-            "power": f"{self.demand_kw.min():.3g} to {self.demand_kw.max():.3g} kW",
+            "power": f"{rounded(self.demand_kw.min(), 3)} to {rounded(self.demand_kw.max(), 3)} kW",
             "expected net": f"{self.expected_net_eur:.2f} EUR",
         }
 

@@ -139,11 +139,11 @@ class Flows(ByValue):
             return {"steps": " x ".join(map(str, self.delivered_kw.shape[:-1])), "strings": str(strings)}
         losses_kw = self.inverter_loss_kw + self.battery_loss_kw
         return {
-            "delivered": few(self.delivered_kw, ".3g", "kW"),
-            "not delivered": few(self.availability_loss_kw + self.derating_loss_kw, ".3g", "kW"),
-            "lost": few(losses_kw, ".3g", "kW"),
+            "delivered": few(self.delivered_kw, "kW"),
+            "not delivered": few(self.availability_loss_kw + self.derating_loss_kw, "kW"),
+            "lost": few(losses_kw, "kW"),
             "soc": few(self.soc),
-            "temperature": few(self.temperature_c, ".3g", "°C"),
+            "temperature": few(self.temperature_c, "°C"),
         }
 
     __repr__ = one_line

@@ -338,7 +338,7 @@ class Plant(_Simulation):
             "system": self.system.name,
             "strings": str(self.system.n_strings),
             "soc": few(state.soc),
-            "temperature": few(state.temperature_c, ".3g", "°C"),
+            "temperature": few(state.temperature_c, "°C"),
             "step": f"{self.plant_step_s:g} s",
         }
 

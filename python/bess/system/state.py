@@ -73,7 +73,7 @@ class State(ByValue):
             object.__setattr__(self, name, vector)
 
     def _facts(self) -> dict[str, str]:
-        facts = {"soc": few(self.soc), "temperature": few(self.temperature_c, ".3g", "°C")}
+        facts = {"soc": few(self.soc), "temperature": few(self.temperature_c, "°C")}
         if not self.is_fresh:
             facts["capacity left"] = few(self.soh_capacity)
             facts["resistance over that when new"] = few(self.soh_resistance)

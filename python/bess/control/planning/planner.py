@@ -122,9 +122,9 @@ class Plan(ByValue):
 
     def _facts(self) -> dict[str, str]:
         return {
-            "set-points now": few(self.request_kw[:, 0], ".3g", "kW"),
+            "set-points now": few(self.request_kw[:, 0], "kW"),
             "steps": str(self.request_kw.shape[1]),
-            "cost": f"{self.cost:.4g}, of the cheapest rule {self.rule_cost:.4g}",
+            "cost": f"{rounded(self.cost, 4)}, of the cheapest rule {rounded(self.rule_cost, 4)}",
             "search gap": f"{rounded(100.0 * self.search_gap)} %",
             "gap": f"{rounded(100.0 * self.gap)} %",
         }

@@ -123,11 +123,11 @@ class Split(ByValue):
 
     def _facts(self) -> dict[str, str]:
         return {
-            "set-points now": few(self.request_kw[:, 0], ".3g", "kW"),
+            "set-points now": few(self.request_kw[:, 0], "kW"),
             "steps": str(self.request_kw.shape[1]),
             "status": str(self.status),
             "gap": f"{rounded(100.0 * self.gap)} %",
-            "solve time": f"{1e3 * self.solve_time_s:.3g} ms",
+            "solve time": f"{rounded(1e3 * self.solve_time_s, 3)} ms",
         }
 
     __repr__ = one_line
