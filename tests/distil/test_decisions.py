@@ -41,6 +41,15 @@ def test_without_prices_of_the_state_what_can_be_delivered_is_delivered(name: st
     assert checked > 50
 
 
+def test_an_empty_string_is_not_asked_for_a_charge_below_its_inverter_loss() -> None:
+    """Such a charge discharges the cells, so the plant would shed it."""
+    system = SYSTEMS["mixed-4"]()
+    law = controller(system, np.zeros(N_WEIGHTS))
+    state = bess.State([0.0, 1.0, 0.155, 0.0], np.full(4, 25.0))
+    request_kw = law.split(state, np.full(24, -0.93), np.array([36.8, 60.0, 100.0, 0.0]))
+    np.testing.assert_allclose(request_kw, [0.0, 0.0, -0.93, 0.0])
+
+
 @pytest.mark.parametrize(("name", "above"), [("two", 0.002), ("unequal-4", 0.002), ("mixed-4", 0.25)])
 def test_without_prices_of_the_state_no_random_split_loses_much_less(name: str, above: float) -> None:
     """Parabolas are close to convex curves of loss, and not so close to that of an inverter of

@@ -256,6 +256,8 @@ pub(crate) fn split(
                 above = scarce * (above * above - below * below) / t.low_fill[h];
                 value += larger(0.0, weights[reserve + h]) * above;
             }
+            // A charge below the inverter loss discharges the cells; the plant sheds what an empty string cannot give.
+            value += t.shortfall * larger(0.0, -after);
             above = larger(0.0, after - t.high_fill);
             below = larger(0.0, filled[m] - t.high_fill);
             value += full * (above * above - below * below);
