@@ -181,3 +181,26 @@ def test_chosen_reserve_is_what_the_plant_sells_and_is_paid_for() -> None:
     paid = float(sold @ record["capacity_price_eur_mw_h"].values) * 0.25 / 1000.0
     assert result.kpis["capacity_revenue_eur"] == pytest.approx(paid)
     assert np.abs(record["demand_kw"].values).max() <= record.attrs.get("nominal_kw", 360.0) + 1e-6
+
+
+def test_the_energy_kept_for_a_reserve_does_not_depend_on_later_sales(tmp_path: Path) -> None:
+    """Reserve has no price on two days, and one on the next two: reserve is first sold on the fourth."""
+    times = pd.date_range("2024-01-01", periods=24, freq="4h", tz="UTC")
+
+    def run(later_eur_mw: float) -> Any:
+        price = pd.Series(np.repeat([0.0, later_eur_mw], 12), times, name="price").rename_axis("time")
+        price.to_csv(tmp_path / "capacity.csv")
+        values = {
+            "policy.name": "equal",
+            "run.start": "2024-01-01T00:00:00Z",
+            "run.days": 4.0,
+            "demand.choose_capacity": "persistence",
+            "demand.capacity_prices": str(tmp_path / "capacity.csv"),
+            "demand.replan_h": 6.0,
+        }
+        return bess.run(bess.load_study("fcr-arbitrage", values), progress=False).dataset
+
+    without, later = run(0.0), run(800.0)
+    assert later["capacity_kw"].values.max() > 0.0 == without["capacity_kw"].values.max()
+    for name in ("schedule_kw", "demand_kw", "soc"):
+        np.testing.assert_array_equal(without[name].values[:DAY], later[name].values[:DAY])
