@@ -9,6 +9,7 @@ import pytest
 
 import bess
 from bess.dispatch import Arbitrage, PerfectForecast, auction_positions, reserve_blocks
+from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.markets import AuctionForecast
 from bess.errors import InputError
 from bess.simulation.inputs import prepare
@@ -169,6 +170,20 @@ def test_reserve_is_sold_where_it_earns_more_than_the_trade_beside_it() -> None:
         reserve = reserve_blocks(paid, energy, planner, max_reserve_kw=60.0, stored_kwh=0.0, foresight=True)
         np.testing.assert_allclose(reserve[12:16], sold, atol=1e-6)
         np.testing.assert_allclose(reserve[16:20], 60.0)
+
+
+@pytest.mark.parametrize(("start", "days"), [("2024-03-30 09:00", 2.5), ("2024-10-26 00:00", 2.875)])
+def test_blocks_of_reserve_are_those_of_the_local_day(start: str, days: float) -> None:
+    """Runs from within a day over a change of the clock; the last ends within a day."""
+    times = pd.date_range(start, periods=round(days * DAY), freq="15min", tz="UTC")
+    local, day = times.tz_convert("Europe/Berlin"), calendar_days(times, "Europe/Berlin")
+    block = (day - day[0]) * 6 + local.hour.to_numpy() // 4
+    random = np.random.default_rng(3)
+    paid, energy = random.uniform(0.0, 40.0, block[-1] + 1)[block], random.normal(60.0, 50.0, times.size)
+    planner = Arbitrage(PerfectForecast(energy), day, power_kw=100.0, energy_kwh=150.0, replan_h=0.25)
+    sold = reserve_blocks(paid, energy, planner, max_reserve_kw=60.0, stored_kwh=50.0, foresight=True)
+    by_block = pd.Series(sold).groupby(block)
+    assert (by_block.max() - by_block.min()).max() < 1e-6 < by_block.mean().std()
 
 
 def test_chosen_reserve_is_what_the_plant_sells_and_is_paid_for() -> None:
