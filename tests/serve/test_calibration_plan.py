@@ -18,11 +18,11 @@ from bess.study.sections import ServiceSection
 DAY_S = 86_400.0
 
 
-def placement(demand_kw: list[float], soc: float = 0.6):  # type: ignore[no-untyped-def]
+def placement(demand_kw: list[float], soc: float = 0.6, due: int | None = None):  # type: ignore[no-untyped-def]
     system = bess.System.reference(2)
     trusted = ValidState.without_doubt(bess.State([soc, soc], [25.0, 25.0]), system)
     service = ServiceSection(calibration_kw=46.0)
-    return place(system, service, trusted, np.array(demand_kw), 0.5, 0, len(demand_kw))
+    return place(system, service, trusted, np.array(demand_kw), 0.5, 0, due or len(demand_kw))
 
 
 def test_a_string_is_charged_while_the_others_are_not_needed() -> None:
@@ -37,6 +37,13 @@ def test_a_time_at_which_the_others_cannot_carry_the_load_is_not_taken() -> None
     assert placement([130.0] * 3 + [-60.0] * 7, soc=0.9)[0] >= 3
     short = placement([150.0] * 2 + [-20.0] * 12)  # days on which energy is short anyway
     assert short[1] > 20.0 * placement([20.0] * 6, soc=0.9)[1] > 0.0
+
+
+def test_a_calibration_ends_before_the_string_is_due() -> None:
+    """It takes about 107 kWh at 46 kW, five steps of half an hour, and costs least if begun at the fourth."""
+    day_kw = [-20.0] * 4 + [20.0] * 4 + [-46.0] * 12
+    assert placement(day_kw, due=12)[0] == 3
+    assert placement(day_kw, due=6)[0] <= 1
 
 
 def test_every_string_is_full_once_in_its_period(monkeypatch: pytest.MonkeyPatch) -> None:

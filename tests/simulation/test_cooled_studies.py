@@ -56,6 +56,14 @@ def test_a_cooled_run_is_resumed_to_the_same_bits(
         np.testing.assert_array_equal(resumed[name].values, result.dataset[name].values, err_msg=name)
 
 
+def test_a_run_that_could_not_be_resumed_ends_with_what_is_too_hot(tmp_path: Path) -> None:
+    """Its fan heats a room with hardly any wall."""
+    fan = {"kind": "air", "pressure_pa": 2e5, "loop": {"heat_capacity_kj_k": 1e3, "wall_w_k": 100.0}}
+    study = bess.load_study("case1", COOLED | {"system.parameters.cooling": fan, "policy.name": "equal"})
+    with pytest.raises(bess.InputError, match=r"step 0: cells or coolant reach \d+ degC, above the 150 degC"):
+        bess.run(study, progress=False, out=tmp_path / "run")
+
+
 def test_hindsight_says_that_it_does_not_know_thermostats(result: bess.Result) -> None:
     with pytest.raises(bess.InputError, match=r"has \[cooling\] kind = 'hybrid'; .*ambient-air cooling only"):
         bess.hindsight(result)

@@ -9,6 +9,7 @@ import pytest
 
 import bess
 from bess.dispatch import Arbitrage, PerfectForecast, auction_positions, reserve_blocks
+from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.markets import AuctionForecast
 from bess.errors import InputError
 from bess.simulation.inputs import prepare
@@ -171,6 +172,20 @@ def test_reserve_is_sold_where_it_earns_more_than_the_trade_beside_it() -> None:
         np.testing.assert_allclose(reserve[16:20], 60.0)
 
 
+@pytest.mark.parametrize(("start", "days"), [("2024-03-30 09:00", 2.5), ("2024-10-26 00:00", 2.875)])
+def test_blocks_of_reserve_are_those_of_the_local_day(start: str, days: float) -> None:
+    """Runs from within a day over a change of the clock; the last ends within a day."""
+    times = pd.date_range(start, periods=round(days * DAY), freq="15min", tz="UTC")
+    local, day = times.tz_convert("Europe/Berlin"), calendar_days(times, "Europe/Berlin")
+    block = (day - day[0]) * 6 + local.hour.to_numpy() // 4
+    random = np.random.default_rng(3)
+    paid, energy = random.uniform(0.0, 40.0, block[-1] + 1)[block], random.normal(60.0, 50.0, times.size)
+    planner = Arbitrage(PerfectForecast(energy), day, power_kw=100.0, energy_kwh=150.0, replan_h=0.25)
+    sold = reserve_blocks(paid, energy, planner, max_reserve_kw=60.0, stored_kwh=50.0, foresight=True)
+    by_block = pd.Series(sold).groupby(block)
+    assert (by_block.max() - by_block.min()).max() < 1e-6 < by_block.mean().std()
+
+
 def test_chosen_reserve_is_what_the_plant_sells_and_is_paid_for() -> None:
     values = {"policy.name": "equal", "run.days": 2.0, "demand.choose_capacity": "persistence"}
     result = bess.run(bess.load_study("fcr-arbitrage", values), progress=False)
@@ -181,3 +196,26 @@ def test_chosen_reserve_is_what_the_plant_sells_and_is_paid_for() -> None:
     paid = float(sold @ record["capacity_price_eur_mw_h"].values) * 0.25 / 1000.0
     assert result.kpis["capacity_revenue_eur"] == pytest.approx(paid)
     assert np.abs(record["demand_kw"].values).max() <= record.attrs.get("nominal_kw", 360.0) + 1e-6
+
+
+def test_the_energy_kept_for_a_reserve_does_not_depend_on_later_sales(tmp_path: Path) -> None:
+    """Reserve has no price on two days, and one on the next two: reserve is first sold on the fourth."""
+    times = pd.date_range("2024-01-01", periods=24, freq="4h", tz="UTC")
+
+    def run(later_eur_mw: float) -> Any:
+        price = pd.Series(np.repeat([0.0, later_eur_mw], 12), times, name="price").rename_axis("time")
+        price.to_csv(tmp_path / "capacity.csv")
+        values = {
+            "policy.name": "equal",
+            "run.start": "2024-01-01T00:00:00Z",
+            "run.days": 4.0,
+            "demand.choose_capacity": "persistence",
+            "demand.capacity_prices": str(tmp_path / "capacity.csv"),
+            "demand.replan_h": 6.0,
+        }
+        return bess.run(bess.load_study("fcr-arbitrage", values), progress=False).dataset
+
+    without, later = run(0.0), run(800.0)
+    assert later["capacity_kw"].values.max() > 0.0 == without["capacity_kw"].values.max()
+    for name in ("schedule_kw", "demand_kw", "soc"):
+        np.testing.assert_array_equal(without[name].values[:DAY], later[name].values[:DAY])

@@ -169,11 +169,12 @@ def reserve_blocks(
         Reserve [kW].
     """
     reserve_kw, dt_h = np.zeros(price_eur_mwh.size), planner.dt_h
+    blocks = _four_hour_blocks(planner.days, dt_h)
     for begin, end, known in _days(planner, foresight=foresight):
         price, row = price_eur_mwh[known], np.arange(known.size)
         weight = planner.weight(price)
         program = planner.program(price, begin, stored_kwh)
-        block = row // round(_BLOCK_H / dt_h)
+        block = blocks[begin : begin + row.size] - blocks[begin]
         income = np.bincount(block, weight * dt_h * capacity_price_eur_mw_h[known])
         sold = program.add(income.size, cost=-income, upper=max_reserve_kw / planner.power_kw)
         for power in (program.charge, program.discharge):
@@ -182,3 +183,15 @@ def reserve_blocks(
         reserve_kw[begin:end] = planner.power_kw * best.added[block][: end - begin]
         stored_kwh = planner.power_kw * float(best.stored[end - begin - 1])
     return reserve_kw
+
+
+def _four_hour_blocks(days: npt.NDArray[np.int64], dt_h: float) -> npt.NDArray[np.int64]:
+    """Return the number of the block of each step, six for each day; a change of the clock is in the first.
+
+    Days are counted back from their end; a last day of less than 24 h, from its start.
+    """
+    _, first, day, count = np.unique(days, return_index=True, return_inverse=True, return_counts=True)
+    steps, since = round(_BLOCK_H / dt_h), np.arange(days.size) - first[day]
+    block = np.maximum(0, 5 - (count[day] - since - 1) // steps)
+    from_start = (day == day[-1]) & (count[-1] * dt_h < 24.0)
+    return np.asarray(6 * day + np.where(from_start, since // steps, block))

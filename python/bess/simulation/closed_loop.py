@@ -20,6 +20,7 @@ from bess.simulation.record.dataset import FLOWS, OPTIONAL_FLOWS
 from bess.simulation.record.store import Record, joined
 from bess.study.demands.source import StepInputs
 from bess.system import State
+from bess.system.state import TEMPERATURE_RANGE_C
 
 SKIPPED_STEPS = 12
 """Steps that a policy is first asked to skip; results do not depend on it."""
@@ -221,6 +222,12 @@ class ClosedLoop:
         ``soh_capacity`` are the capacities before, ``asked_kvar`` and ``investment_eur`` of a single step.
         """
         inputs, n_steps = self.inputs, len(flows.soc)
+        coolant_c = flows.node_max_c if flows.coolant_c is None else flows.coolant_c
+        if (hottest_c := max(flows.node_max_c.max(), coolant_c.max())) > TEMPERATURE_RANGE_C[1]:
+            raise InputError(
+                f"{self._place}: cells or coolant reach {hottest_c:.0f} degC, above the "
+                f"{TEMPERATURE_RANGE_C[1]:g} degC of a plant; check cooling, thermal and losses of the system"
+            )
         steps = range(self.step, self.step + n_steps)
         here = slice(steps.start, steps.stop)
         record: Record = {

@@ -176,7 +176,9 @@ def place(
     string: int,
     due: int,
 ) -> tuple[int, float]:
-    """Return the step, before ``due``, at which a calibration has the lowest cost, and this cost [kWh].
+    """Return the step at which a calibration that ends by ``due`` has the lowest cost, and this cost [kWh].
+
+    If none ends by then, it begins before ``due`` and, if possible, ends within both days.
 
     For each candidate, the control model simulates this day and the next, with the same demand, from a valid
     state, with steps of ``dt_h``; the demand minus the calibration is shared by stored energy or headroom.
@@ -217,6 +219,6 @@ def place(
         return cost_kwh, full
 
     costs = {start: days(start) for start in starts}
-    in_time = [start for start in starts if costs[start][1] <= demand_kw.size] or starts
-    best = min(in_time, key=lambda start: costs[start][0])
+    full_by = [[start for start in starts if costs[start][1] <= step] for step in (due, demand_kw.size)]
+    best = min(full_by[0] or full_by[1] or starts, key=lambda start: costs[start][0])
     return best, costs[best][0] - days(demand_kw.size)[0]

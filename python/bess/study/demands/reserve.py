@@ -118,7 +118,7 @@ class FcrDemand(DemandSection):
             grid.dt_h,
             store.one_way_efficiency,
         )
-        source = ReserveSource(self, sold_kw, response, recharge, store, trade, budget)
+        source = ReserveSource(self, capacity_kw, sold_kw, response, recharge, store, trade, budget)
         recorded = {"frequency_mhz": series.on(grid), "capacity_price_eur_mw_h": capacity_price}
         return RunDemand(grid, source, price, recorded)
 
@@ -291,11 +291,15 @@ def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
 
 @dataclass(eq=False)
 class ReserveSource(DemandSource):
-    """Frequency response, scheduled recharge, and optional trade; ``capacity_kw`` is sold in each step."""
+    """Frequency response, scheduled recharge, and optional trade; ``capacity_kw`` is sold in each step.
+
+    The energy of ``max_capacity_kw`` is kept at all times: future sales are unknown.
+    """
 
     _carried = ("recharge", "_plan", "_day", "_sold_kwh", "_recorded", "budget")
 
     choice: FcrDemand
+    max_capacity_kw: float
     capacity_kw: Array
     response_kw: Forecast
     recharge: RechargeScheduler
@@ -307,9 +311,6 @@ class ReserveSource(DemandSource):
     _sold_kwh: float = 0.0
     _recorded: dict[str, float] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        self._max_capacity_kw = float(self.capacity_kw.max())
-
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""
         stored_kwh, capacity_kwh = self.store.stored_kwh(now.state), self.store.capacity_kwh(now.state)
@@ -319,7 +320,7 @@ class ReserveSource(DemandSource):
         capacity_kw = float(self.capacity_kw[step])
         window, largest = (
             EnergyWindow.of(each, self.choice.duration_min, capacity_kwh, self.store.one_way_efficiency)
-            for each in (capacity_kw, self._max_capacity_kw)
+            for each in (capacity_kw, self.max_capacity_kw)
         )
         band = largest.narrowed(self.choice.band)
         shift_kw = self.recharge.advance(step, stored_kwh, band)
