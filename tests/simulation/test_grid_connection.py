@@ -9,6 +9,7 @@ import pytest
 from interrupted import continued
 
 import bess
+from bess.control.policies import PolicyInput
 from bess.dispatch import Arbitrage, GridConnection, PeakTariff, PerfectForecast, monthly_peaks_kw
 from bess.errors import InputError
 
@@ -113,6 +114,23 @@ def test_the_ledger_is_the_difference_of_two_bills_to_the_cent(values: dict[str,
     assert result.kpis["peak_charge_eur"] == pytest.approx(float(entries["peak_charge_eur"].sum()))
     assert meter_kw.min() >= min(-60.0, net_kw.min()) - 1e-6
     assert len(set(local.month)) == 2
+
+
+def test_a_policy_has_the_forecast_of_the_prices_and_their_fee(values: dict[str, Any]) -> None:
+    seen: list[Any] = []
+
+    def equal(inputs: PolicyInput) -> np.ndarray:
+        seen.append(inputs.price_eur_mwh)
+        return np.full(inputs.limit_kw.size, inputs.demand_kw[0] / inputs.limit_kw.size)
+
+    keys = {"demand.forecast": "persistence", "demand.replan_h": 24.0, "run.start": "2024-01-31T00:00:00Z"}
+    study = bess.load_study("arbitrage-2024", values | keys | {"run.days": 0.5})
+    paid = bess.run(study, policy=equal, progress=False).dataset["price_eur_mwh"].values
+    price = pd.read_csv(values["demand.prices"])["price_eur_mwh"].to_numpy().repeat(4) + 40.0
+    for step, ahead in enumerate(seen):
+        hour_ends = 4 - step % 4
+        np.testing.assert_allclose(ahead[:hour_ends], paid[step])
+        np.testing.assert_allclose(ahead[hour_ends : 48 - step], price[step + hour_ends : 48])
 
 
 def test_a_run_that_is_continued_knows_its_peak(

@@ -104,13 +104,17 @@ class ClosedLoop:
             ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
             served_kw = self._served(ahead_kw, limit_kw)
         asked_kvar = None if inputs.reactive is None else inputs.reactive(step, served_kw)
-        price = inputs.price_eur_mwh
+        price_eur_mwh, horizon_steps = inputs.price_eur_mwh, inputs.horizon_steps
+        if inputs.price_ahead is not None:
+            price_eur_mwh = _ahead(inputs.price_ahead(step, horizon_steps), 0, horizon_steps)
+        elif price_eur_mwh is not None:
+            price_eur_mwh = _ahead(price_eur_mwh, step, horizon_steps)
         policy_input = PolicyInput(
             state=state,
             demand_kw=served_kw,
             ambient_c=_ahead(self._surroundings_c, step, inputs.horizon_steps),
             limit_kw=limit_kw,
-            price_eur_mwh=None if price is None else _ahead(price, step, inputs.horizon_steps),
+            price_eur_mwh=price_eur_mwh,
             demand_depends_on_soc=inputs.demand.demand_depends_on_soc,
             reactive_kvar=asked_kvar,
             limit_ahead_kw=limit_ahead_kw,

@@ -32,7 +32,7 @@ class PolicyInput:
     limit_kw : ndarray, shape (n_strings,)
         Maximum power of each inverter in this step [kW]; 0 = out of service.
     price_eur_mwh : ndarray, shape (n_steps,), optional
-        Price of energy, if the study has one.
+        Price of energy of this step and forecast of the next ones, if the study has one.
     demand_depends_on_soc : bool
         Whether the demand depends on the SOC, as behind a meter: a full battery receives less charging
         demand, and an empty one no discharging demand.

@@ -94,9 +94,10 @@ class ArbitrageDemand(DemandSection):
 
     ``forecast = "bands"`` plans with several levels of each price (:class:`bess.dispatch.BandForecast`), from
     columns ``p10``, ``p50`` and ``p90`` of ``forecast_prices`` or from measured errors of persistence;
-    ``"expected"``, and a linear plan, use their mean. Actual prices are settled. ``meter`` is load and
-    generation behind the same meter, for linear plans (:class:`bess.dispatch.GridConnection`). Each
-    ``market`` is an auction before the market of ``prices`` (:func:`bess.dispatch.auction_positions`).
+    ``"expected"``, and a linear plan, use their mean. Policies have the same forecast. Actual prices are
+    settled. ``meter`` is load and generation behind the same meter, for linear plans
+    (:class:`bess.dispatch.GridConnection`). Each ``market`` is an auction before the market of ``prices``
+    (:func:`bess.dispatch.auction_positions`).
     """
 
     files: ClassVar = ("prices", "forecast_prices", "meter.load", "meter.pv", "market.*.prices")
@@ -192,7 +193,11 @@ class ArbitrageDemand(DemandSection):
         size = self._size(setting.system)
         budget = setting.budget_of(grid, forecast, size, self.efficiency, self.look_ahead_h)
         source = ArbitrageSource(planner, setting.system, budget, connection)
-        return RunDemand(grid, source, price + fee_eur_mwh, series)
+
+        def price_ahead(step: int, horizon: int) -> Array:
+            return forecast.ahead(step, horizon) + fee_eur_mwh
+
+        return RunDemand(grid, source, price + fee_eur_mwh, series, price_ahead)
 
     def _read(self, file: str, product: str | None, zone: str | None = None) -> pd.Series[float]:
         return prices_of(file, zone or self.zone, product, time_zone=self.time_zone, fill=self.fill)

@@ -80,6 +80,8 @@ class RunDemand:
     """``(n_steps,)``: price of energy, if the study has one."""
     series: Mapping[str, Array] = field(default_factory=dict)
     """``(n_steps,)``: other recorded series, by variable name."""
+    price_ahead: Callable[[int, int], Array] | None = None
+    """Price of a step and of the next ones, up to a horizon, as forecast at its start; None if known."""
 
 
 @dataclass(frozen=True)
