@@ -9,7 +9,9 @@ import pytest
 from plant_partners import Connecting, Watched
 from pymodbus.client import ModbusTcpClient
 
+import bess
 from bess.edge.plant_io import LinkError, calls, simulated_sunspec, sunspec_device
+from bess.edge.plant_io.simulated import SimulatedPlant
 from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
 from bess.errors import InputError
 
@@ -216,6 +218,17 @@ def test_a_device_with_only_what_is_needed_is_driven(
     assert np.isinf(said.charge_limit_kw).all() == (702 in lacking)
     assert np.isnan(said.temperature_c).all() == (803 in lacking)
     assert link.refresh_s == (20.0 if 802 in lacking else 1.0)
+
+
+def test_powers_of_megawatts_fit_into_the_registers_of_a_simulated_device(connecting: Connecting) -> None:
+    with SimulatedDevices(SimulatedPlant(bess.load_system("m5bat"))) as devices:
+        link = connecting(devices.address, 10)
+        link.write(np.full(10, 600.0))
+        said = link.read()
+    nominal_kw = devices.plant.system.nominal_kw
+    assert said.available.all()
+    assert said.power_kw.max() == pytest.approx(600.0, abs=0.1)
+    assert (said.discharge_limit_kw <= nominal_kw).all() and said.discharge_limit_kw.max() > 400.0
 
 
 def test_a_device_that_cannot_revert_is_not_driven(

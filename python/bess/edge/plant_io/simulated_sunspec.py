@@ -121,9 +121,12 @@ class _Device:
         held = self._plant.holds(self._string)
         fault = reading.fault
         soc = {"SoC": _steps(1e4 * reading.soc)}
-        # Powers in steps of 10 W. Devices without scale factor simulate the fault of a wrong unit.
-        in_watts = {"W_SF": None if self._plant.faults.kilowatts else 1}
-        nominal_w = 1000.0 * float(self._plant.system.nominal_kw[self._string])
+        # Powers in steps of 10 W, or larger ones with which nominal power fits into 16 bits. Devices without
+        # scale factor simulate the fault of a wrong unit.
+        nominal_kw = float(self._plant.system.nominal_kw[self._string])
+        factor = next(factor for factor in range(1, 11) if nominal_kw * 10.0 ** (3 - factor) < 2**15 - 1)
+        per_kw = 10.0 ** (3 - factor)
+        in_watts = {"W_SF": None if self._plant.faults.kilowatts else factor}
         lapses_in_s = held[1] - self._plant.clock() if held else 0.0
         return {
             1: {"Mn": "bess", "Md": "simulated string", "SN": str(self._string + 1), "DA": 1},
@@ -132,13 +135,13 @@ class _Device:
                 "St": 0 if fault else 1,
                 "InvSt": 6 if fault else 3,
                 "ConnSt": 1,
-                "W": _steps(100.0 * reading.power_kw),
+                "W": _steps(per_kw * reading.power_kw),
                 **in_watts,
             },
             702: {
-                "WMaxRtg": _steps(nominal_w / 10.0, math.floor),
-                "WChaRteMax": _steps(100.0 * reading.charge_limit_kw, math.floor),
-                "WDisChaRteMax": _steps(100.0 * reading.discharge_limit_kw, math.floor),
+                "WMaxRtg": _steps(per_kw * nominal_kw, math.floor),
+                "WChaRteMax": _steps(per_kw * reading.charge_limit_kw, math.floor),
+                "WDisChaRteMax": _steps(per_kw * reading.discharge_limit_kw, math.floor),
                 **in_watts,
             },
             704: {
