@@ -1,11 +1,14 @@
 """Measurements that lie: each is found, named, and costs no more than that string."""
 
+import tomllib
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_cases import controller, measured
 
+import bess
 from bess.checkpoints import from_json, to_json
 
 
@@ -61,6 +64,27 @@ def test_what_cannot_be_takes_the_string_out(soc, temperature_c, words) -> None:
     answer = controller(2).step(measured(soc, temperature_c), 60.0, 0.0)
     np.testing.assert_allclose(answer.request_kw, [0.0, 60.0])
     assert answer.reasons[0] == f"string 0 rests: {words}"
+
+
+@pytest.mark.parametrize("drives", [True, False])
+def test_a_power_beyond_its_inverter_takes_the_string_out_and_moves_no_state_of_charge(drives: bool) -> None:
+    live = controller(2, control_step_s=10.0)
+    live.drives = drives
+    live.step(measured([0.5, 0.5], power_kw=[0.0, 0.0]), 60.0, 0.0)
+    answer = live.step(measured([0.5, 0.5], power_kw=[39_000.0, 0.0]), 60.0, 10.0)
+    reason = "its power of 39000 kW is implausible, its inverter has 92 kW; tried again in 20 s"
+    assert reasons_of(answer, 0) == reason
+    np.testing.assert_allclose(answer.request_kw, [0.0, 60.0])
+    assert live.valid is not None and live.valid.soc_low[0] == live.valid.soc_high[0] == 0.5
+
+
+def test_powers_of_many_megawatts_are_named_as_plain_numbers() -> None:
+    document = tomllib.loads(bess.System.reference(2).to_toml())
+    document["inverter"]["nominal_kw"] = 20_000.0
+    live = controller(2, bess.System(document), policy="soc", control_step_s=10.0)
+    for k in range(4):
+        answer = live.step(measured([0.5, 0.5], power_kw=[12_500.0, 0.0]), 0.0, 10.0 * k)
+    assert "0 kW set, 12500 kW measured; it still supplies 12500 kW" in answer.reasons[0]
 
 
 def test_after_a_jump_the_worse_of_both_values_counts_until_readings_agree() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bess.arrays import Array, Flags
+from bess.display import rounded
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW, PowerCapability
@@ -98,7 +99,8 @@ def reasons(
             why = doubt
             if valid.flowing_kw[i]:
                 verb = "flows"
-                why += f"; it still supplies {valid.flowing_kw[i]:.4g} kW, which the other strings compensate"
+                flowing = rounded(float(valid.flowing_kw[i]), 4)
+                why += f"; it still supplies {flowing} kW, which the other strings compensate"
         elif calibration.string == i:
             why = f"it is charged to {100.0 * calibration.target_soc:g} % for calibration"
         else:

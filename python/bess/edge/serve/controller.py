@@ -237,7 +237,10 @@ class Controller(Checkpointed):
         self.charged_kwh = self.charged_kwh + np.maximum(-self.last_kw, 0.0) * held_h
         self.discharged_kwh = self.discharged_kwh + np.maximum(self.last_kw, 0.0) * held_h
         # In shadow mode the plant follows another controller.
-        asked_kw = self.last_kw if self.drives else np.nan_to_num(measured.power_kw)
+        most_kw = self.system.nominal_kw
+        asked_kw = self.last_kw
+        if not self.drives:
+            asked_kw = np.clip(np.nan_to_num(measured.power_kw), -most_kw, most_kw)
         valid = self._guard(measured, asked_kw, elapsed_s, drives=self.drives)
         self.ageing.gather(valid.state, asked_kw, elapsed_s, held_s)
         return valid

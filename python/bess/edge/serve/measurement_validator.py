@@ -10,6 +10,7 @@ import numpy as np
 
 from bess.arrays import Array, Flags
 from bess.checkpoints import Checkpointed
+from bess.display import rounded
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.ageing import Ageing
 from bess.study.sections import ServiceSection
@@ -173,6 +174,7 @@ class _StringMonitor(Checkpointed):
         battery = system.strings[string].battery
         self._i, self._service, self._step_s = string, service, step_s
         self._nominal_kw, self._window = float(system.nominal_kw[string]), (battery.soc_min, battery.soc_max)
+        self._max_kw = (1.0 + FOLLOWS_WITHIN) * self._nominal_kw
         self.soc: float | None = None
         self.temperature_c: float | None = None
         self.other_soc: float | None = None
@@ -207,8 +209,7 @@ class _StringMonitor(Checkpointed):
         service stops when its set-point is cleared, unless it cannot be reached.
         """
         power_kw = float(measured.power_kw[self._i])
-        is_plausible = abs(power_kw) <= (1.0 + FOLLOWS_WITHIN) * self._nominal_kw
-        is_new = is_plausible and (power_kw != self.flow_kw or not out)
+        is_new = abs(power_kw) <= self._max_kw and (power_kw != self.flow_kw or not out)
         self.flow_s = 0.0 if is_new else self.flow_s + elapsed_s
         self.flow_kw = power_kw if is_new else self.flow_kw
         is_lost = self.stands == "all" or (measured.available[self._i] and not self.was_out)
@@ -223,7 +224,7 @@ class _StringMonitor(Checkpointed):
         power, soc, temperature = (
             float(values[i]) for values in (measured.power_kw, measured.soc, measured.temperature_c)
         )
-        carried = power if np.isfinite(power) else asked_kw
+        carried = power if abs(power) <= self._max_kw else asked_kw
         expected = -carried * elapsed_s / 3600.0 / energy_kwh
         if not measured.available[i]:
             self._forgive()
@@ -250,6 +251,10 @@ class _StringMonitor(Checkpointed):
             self.stands, sentence = "soc", f"{stood} for {self.unchanged} readings while it carried power"
             return self._take_out(sentence, self._service.retry_after_s)
         self.last_reading = soc
+        if self._max_kw < abs(power) < np.inf:
+            beyond = f"its power of {rounded(power, 4)} kW is implausible"
+            sentence = f"{beyond}, its inverter has {rounded(self._nominal_kw, 4)} kW"
+            return self._take_out(sentence, self._next_try_s())
         if drives and (sentence := self._other_writer(power, held_kw, asked_kw)):
             self.other = True
             self._take_out(sentence, self._next_try_s())
@@ -257,7 +262,8 @@ class _StringMonitor(Checkpointed):
         if np.isfinite(power) and (sentence := self._does_not_follow(power, asked_kw)):
             if same_power and power != 0.0 and self.unchanged >= NOT_FOLLOWING:
                 # It may follow; its reported values are frozen.
-                self.stands, sentence = "all", f"{stood} and its power at {power:.4g} kW, for any set-point"
+                self.stands = "all"
+                sentence = f"{stood} and its power at {rounded(power, 4)} kW, for any set-point"
                 return self._take_out(sentence, self._service.retry_after_s)
             same_way = power * asked_kw > 0.0 and abs(power) < abs(asked_kw)
             return self._take_out(sentence, self._next_try_s(), abs(power) if same_way else 0.0)
@@ -342,7 +348,7 @@ class _StringMonitor(Checkpointed):
         who = f"another controller writes to string {self._i}"
         # A device that has restarted holds zero.
         if min(abs(held_kw), abs(held_kw - asked_kw)) > READ_BACK_WITHIN * self._nominal_kw:
-            return f"{who}: set-point read back {held_kw:.4g} kW, commanded {asked_kw:.4g} kW"
+            return f"{who}: set-point read back {rounded(held_kw, 4)} kW, commanded {rounded(asked_kw, 4)} kW"
         slack_kw = FOLLOWS_WITHIN * self._nominal_kw
         low_kw, high_kw = min(0.0, *self.asked_kw) - slack_kw, max(0.0, *self.asked_kw) + slack_kw
         if low_kw <= power_kw <= high_kw or not np.isfinite(power_kw) or self.off_target + 1 < NOT_FOLLOWING:
@@ -392,4 +398,5 @@ class _StringMonitor(Checkpointed):
 
 
 def _off(asked_kw: float, power_kw: float) -> str:
-    return f"it does not follow its set-point: {asked_kw:.4g} kW set, {power_kw:.4g} kW measured"
+    asked, power = rounded(asked_kw, 4), rounded(power_kw, 4)
+    return f"it does not follow its set-point: {asked} kW set, {power} kW measured"
