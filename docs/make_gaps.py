@@ -1,4 +1,4 @@
-"""Write the tables of ``gaps.md`` and the sizes of ``algorithm.md``: ``python docs/make_gaps.py``, 12 CPU min.
+"""Write the tables of ``gaps.md`` and sizes of ``algorithm.md`` (12 CPU min): ``python docs/make_gaps.py``.
 
 Seeded fresh problems, 2 to 4 strings that may differ over 3 to 5 steps, in every kind of state and order of
 priorities. Each is solved from a cold start and by a far longer search, and the two are compared group by
