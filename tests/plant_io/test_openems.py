@@ -114,6 +114,19 @@ def test_a_meter_of_the_plant_is_read_if_it_is_named(
     assert link.read().plant_kw == pytest.approx(70.0, abs=0.5)
 
 
+def test_a_meter_that_there_is_not_is_refused_at_the_start_only(
+    connecting: Connecting, edge: SimulatedEdge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(LinkError, match=r"meter9 has no ActivePower; correct or omit \?meter="):
+        connecting(f"{edge.address}?meter=meter9").read()
+    link = connecting(f"{edge.address}?meter=meter0")
+    link.read()
+    rows = [row for row in edge.channels() if not row["address"].startswith("meter0")]
+    monkeypatch.setattr(edge, "channels", lambda: rows)
+    said = link.read()
+    assert said.available.all() and np.isnan(said.plant_kw)
+
+
 def test_ten_batteries_are_in_the_order_of_their_numbers(
     connecting: Connecting, edge: SimulatedEdge, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -220,6 +220,22 @@ def test_a_device_with_only_what_is_needed_is_driven(
     assert link.refresh_s == (20.0 if 802 in lacking else 1.0)
 
 
+def test_the_one_temperature_that_a_device_knows_is_used(
+    connecting: Connecting, altering: Callable[..., SimulatedDevices]
+) -> None:
+    hot = {"ModTmpMin": None, "ModTmpMax": 523}
+    link = connecting(altering(lambda models: models | {803: models[803] | hot}).address)
+    assert link.read().temperature_c == pytest.approx([52.3] * 3)
+
+
+def test_a_device_that_is_silent_from_the_start_is_named_with_the_exception_of_its_gateway(
+    connecting: Connecting, devices: SimulatedDevices, watched: Watched
+) -> None:
+    watched.plant.faults.silent.add(1)
+    remark = connecting(devices.address).read().remarks[1]
+    assert remark.endswith("refuses register 40000 (Modbus exception 11)")
+
+
 def test_powers_of_megawatts_fit_into_the_registers_of_a_simulated_device(connecting: Connecting) -> None:
     with SimulatedDevices(SimulatedPlant(bess.load_system("m5bat"))) as devices:
         link = connecting(devices.address, 10)

@@ -93,6 +93,12 @@ def measurements(strings: Sequence[StringReadings], plant_kw: float = math.nan) 
     return Measurements(time=datetime.now(UTC), remarks=remarks, plant_kw=plant_kw, **columns)
 
 
+def mean_temperature_c(coldest_c: float, hottest_c: float) -> float:
+    """Mean of the coldest and the hottest cell, or the one that is known; NaN if none is."""
+    known = [temperature_c for temperature_c in (coldest_c, hottest_c) if not math.isnan(temperature_c)]
+    return sum(known) / len(known) if known else math.nan
+
+
 class PlantLink(Protocol):
     """A plant of several strings that can be read and controlled.
 

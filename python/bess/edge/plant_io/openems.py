@@ -34,6 +34,7 @@ from bess.edge.plant_io.link import (
     Measurements,
     StringLink,
     StringReadings,
+    mean_temperature_c,
     measurements,
     number,
 )
@@ -167,6 +168,8 @@ class Link(StringLink[str]):
         ]
         if mute:
             raise LinkError(f"{self._url}: {', '.join(mute)} has no {_SET} or no Soc; name others with ?ess=")
+        if self._meter and not self._units_are_known and "ActivePower" not in components.get(self._meter, {}):
+            raise LinkError(f"{self._url}: {self._meter} has no ActivePower; correct or omit ?meter=")
         self._units_are_known = True
         plant_kw = number(components.get(self._meter, {}).get("ActivePower")) / 1000.0
         return measurements(list(map(_readings, self._strings, strings)), plant_kw)
@@ -293,7 +296,7 @@ def _readings(name: str, string: _Channels) -> StringReadings:
     known = math.isfinite(soc + power_kw) and not math.isnan(charge_kw + discharge_kw)
     return StringReadings(
         soc,
-        _temperature_c(string),
+        mean_temperature_c(*(number(string.get(f"{end}CellTemperature")) for end in ("Min", "Max"))),
         power_kw,
         0.0 if math.isnan(charge_kw) else charge_kw,
         0.0 if math.isnan(discharge_kw) else discharge_kw,
@@ -306,10 +309,3 @@ def _readings(name: str, string: _Channels) -> StringReadings:
 def _limit(string: _Channels, channel: str, sign: float) -> float:
     """Return a limit [W], ``>= 0``; infinite without the channel, NaN without a value."""
     return max(sign * number(string.get(channel)), 0.0) if channel in string else math.inf
-
-
-def _temperature_c(string: _Channels) -> float:
-    """Mean of the coldest and the hottest cell."""
-    both = (number(string.get(f"{end}CellTemperature")) for end in ("Min", "Max"))
-    known = [temperature_c for temperature_c in both if not math.isnan(temperature_c)]
-    return sum(known) / len(known) if known else math.nan

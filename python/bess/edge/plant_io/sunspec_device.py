@@ -20,7 +20,7 @@ from pymodbus.exceptions import ConnectionException, ModbusException
 from sunspec2.device import Model
 
 from bess.edge.plant_io import calls
-from bess.edge.plant_io.link import LinkError, StringReadings
+from bess.edge.plant_io.link import LinkError, StringReadings, mean_temperature_c
 
 MARK: Final = (0x5375, 0x6E53)
 """``SunS``, at the first register."""
@@ -182,7 +182,10 @@ class Gateway:
             self.disconnect()
             raise
         if answer.isError():
-            raise _RefusedError(f"unit {unit} at {self.place} refuses register {arguments[0]} ({answer})")
+            code = answer.exception_code
+            raise _RefusedError(
+                f"unit {unit} at {self.place} refuses register {arguments[0]} (Modbus exception {code})"
+            )
         return answer
 
     def disconnect(self) -> None:
@@ -240,7 +243,8 @@ class Device:
         if models[704].points["WSetEna"].value == _ON:
             setpoint_kw = value(models[704], "WSet") / 1000.0
         if 803 in models:
-            temperature_c = (value(models[803], "ModTmpMin") + value(models[803], "ModTmpMax")) / 2.0
+            ends_c = (value(models[803], name) for name in ("ModTmpMin", "ModTmpMax"))
+            temperature_c = mean_temperature_c(*ends_c)
         in_service = all(
             model_id not in models or models[model_id].points[name].value not in states
             for (model_id, name), states in _OUT_OF_SERVICE.items()
@@ -300,13 +304,14 @@ class Device:
         return self._models
 
     async def _base(self) -> int:
+        refusal = ""
         for base in BASES:
             try:
                 if tuple(await self._registers(base, 2)) == MARK:
                     return base
-            except _RefusedError:
-                continue
-        raise NoResponseError(f"{self} holds no SunSpec models at {', '.join(map(str, BASES))}")
+            except _RefusedError as error:
+                refusal = refusal or f"; {error}"
+        raise NoResponseError(f"{self} holds no SunSpec models at {', '.join(map(str, BASES))}{refusal}")
 
     async def _walk(self, base: int) -> dict[int, tuple[int, int]]:
         models: dict[int, tuple[int, int]] = {}
