@@ -245,6 +245,20 @@ def test_a_string_added_after_the_run_is_worth_nothing_at_its_end(tmp_path: Path
     assert during == pytest.approx(later + of_a_new_battery, rel=0.01)
 
 
+def test_a_battery_bought_in_the_run_is_worth_no_more_than_was_paid_for_it(tmp_path: Path) -> None:
+    values = HOURLY | {
+        "demand.prices": str(two_kinds_of_days(tmp_path, 3)),
+        "policy.name": "equal",
+        "run.days": 2,
+        "replacement": [
+            {"string": 1, "date": pd.Timestamp("2024-01-02", tz="UTC").to_pydatetime(), "eur_kwh": 80.0}
+        ],
+    }
+    cash = cash_by_year(bess.run(bess.load_study("lifetime", values), progress=False))
+    per_kwh = cash["residual_eur"].sum() / bess.System.reference(2).nominal_energy_kwh[0]
+    assert per_kwh == pytest.approx(120.0 + 80.0, rel=0.01)
+
+
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_calendar_and_cycle_wear_are_the_wear_cost_from_the_first_step_on(share: float) -> None:
     values = {"wear.model": "naumann-lfp", "wear.calendar_share": share, "run.days": 1}

@@ -55,8 +55,9 @@ def cash_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     """Return the cash flow of years of operation: batteries are paid when installed, not as they wear.
 
     The batteries of the start are paid for. At the end of the run, a battery in service is worth the share of
-    its replacement cost that is left until its end of life; a string that will be retired, or has not been
-    added yet, is worth nothing.
+    its cost that is left until its end of life: of what was paid for it in the run, or of the replacement
+    cost for a battery of the start. A string that will be retired, or has not been added yet, is worth
+    nothing.
 
     Parameters
     ----------
@@ -79,8 +80,14 @@ def cash_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
 
     dataset = record_of(result, "cash_by_year")
     ledger = ledger_by_year(dataset)
-    left = dataset["soh_capacity"].values[-1] - np.ravel(dataset.attrs["end_of_life_soh"])
-    residual = np.maximum(left, 0.0) * np.ravel(dataset.attrs["residual_eur_per_soh"])
+    end_of_life, eur_per_soh = (
+        np.array(dataset.attrs[name], ndmin=1) for name in ("end_of_life_soh", "residual_eur_per_soh")
+    )
+    if "investment_eur" in dataset:
+        for string, paid_eur in enumerate(dataset["investment_eur"].values.T):
+            if paid_eur.any() and eur_per_soh[string] > 0.0:
+                eur_per_soh[string] = paid_eur[np.flatnonzero(paid_eur)[-1]] / (1.0 - end_of_life[string])
+    residual = np.maximum(dataset["soh_capacity"].values[-1] - end_of_life, 0.0) * eur_per_soh
     added_s: dict[int, int] = {}  # the first augmentation of each string
     for table in study_of(dataset).get("augmentation", ()):
         date_s, string = seconds_of(table["date"]), table["string"]
