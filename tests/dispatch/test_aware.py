@@ -173,6 +173,20 @@ def test_a_string_out_of_service_is_not_planned_with() -> None:
     assert not nothing.demand_kw.any()
 
 
+@pytest.mark.parametrize("model", ["none", "nmc-a-75ah"])
+def test_a_plant_without_a_string_is_planned_as_the_plant_of_the_others(model: str) -> None:
+    """Neither the energy nor the temperature of a string out of service counts, nor its ageing."""
+    inputs = DispatchInputs(WAVE, np.full(144, 25.0), np.arange(144) // 96)
+    plans = []
+    for soc, temperature_c, limit_kw in (([0.3], [28.0], [92.0]), ([0.3, 0.9], [28.0, 45.0], [92.0, 0.0])):
+        document = bess.System.reference(len(soc)).document | {"wear": {"model": model}}
+        dispatch = DynamicProgramDispatch(bess.System(document), 0.25, SettlementTerms())
+        state = bess.State(soc, temperature_c)
+        plans.append(dispatch.plan(inputs, state, limit_kw=np.array(limit_kw)))
+    np.testing.assert_allclose(plans[1].demand_kw, plans[0].demand_kw, atol=1e-6)
+    np.testing.assert_allclose(plans[1].expected_energy_kwh, plans[0].expected_energy_kwh, atol=1e-6)
+
+
 def test_a_plant_that_is_too_hot_is_left_to_cool() -> None:
     """At 75 degC nothing is delivered: asking would only cost."""
     system = bess.System.reference(2)

@@ -319,3 +319,22 @@ def test_forecast_errors_raise_the_relative_error_and_are_forgotten_in_time() ->
     for _ in range(7 * 96):
         planner.advance(demand)
     assert planner._forecast_error.relative_error < 0.2 * seen[-1]
+
+
+def test_steps_that_are_passed_together_have_the_error_of_those_passed_one_by_one() -> None:
+    """Of 150 kW, 92 are delivered: a forecast error until the second string is expected to be out."""
+    system, n_steps = bess.System.reference(2), 12
+    limit_kw = np.full((2, n_steps), 92.0)
+    limit_kw[0, 6:] = 0.0
+    rows_kw = np.full((8, n_steps), 150.0)
+    rows_kw[:, 0] = 92.0
+    errors = []
+    for rows in ([rows_kw], np.split(rows_kw, 8)):
+        planner = Planner(system, n_steps, DT_H, rollouts=0, proof_cells=None)
+        state, prices = bess.State([0.5, 0.5], [25.0, 25.0]), PlanPrices.energy(ENERGY, 2, n_steps)
+        planner(state, np.full(n_steps, 60.0), prices, limit_kw=limit_kw)
+        for each_kw in rows:
+            planner.advance(each_kw)
+        errors.append(planner.state_dict()["forecast_error"])
+    np.testing.assert_equal(errors[0], errors[1])
+    assert planner._forecast_error.relative_error > 0.0

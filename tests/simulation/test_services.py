@@ -185,6 +185,32 @@ def test_reserve_that_is_not_sustained_is_paid_back_with_the_penalty() -> None:
     )
 
 
+OUT = [{"string": 1, "start": "2024-01-01T00:00:00Z", "end": "2024-01-03T00:00:00Z"}]
+
+
+def test_the_energy_of_a_string_out_of_service_sustains_no_reserve() -> None:
+    """The other one is empty and may not recharge."""
+    result = outcome(
+        "fcr",
+        event=OUT,
+        system__initial_soc=[0.0, 0.5],
+        demand__capacity_kw=60.0,
+        demand__recharge_kw=0.0,
+        policy__name="soc",
+        run__days=0.25,
+    )
+    stored_kwh = result.dataset["soc"].values[:, 0] * 192 * 4 * 94.0 * 3.7 / 1000.0
+    able_kw = result.dataset["capacity_able_kw"].values
+    assert able_kw[0] == 0.0
+    assert np.all(able_kw[1:] <= stored_kwh[:-1] / 0.25)  # SOC is that of the end of a step
+
+
+@pytest.mark.parametrize("name", ["self-consumption", "peak-shaving"])
+def test_a_site_asks_for_no_energy_of_a_string_out_of_service(name: str) -> None:
+    kpis = outcome(name, event=OUT, policy__name="soc", run__days=2.0).kpis
+    assert kpis["undelivered_kwh"] < 0.01 * kpis["delivered_kwh"]
+
+
 def test_a_price_of_capacity_every_90_min_is_refused(tmp_path: Path) -> None:
     times = pd.date_range("2024-01-01", periods=32, freq="90min", tz="UTC")
     pd.Series(50.0, times, name="price").rename_axis("time").to_csv(tmp_path / "capacity.csv")

@@ -63,7 +63,7 @@ class StringEnergy:
 
 
 class Aggregate:
-    """All strings of a plant as one store.
+    """All strings of a plant that are in service as one store.
 
     Parameters
     ----------
@@ -87,12 +87,13 @@ class Aggregate:
         self._model = system.control_at(health)
         batteries = [string.battery for string in system.strings]
         self.soc_min, self.soc_max = system.soc_window
-        self._energy = StringEnergy(system, health.soh_capacity)
+        in_service = self.limit_kw > 0.0
+        self._energy = StringEnergy(system, np.where(in_service, health.soh_capacity, 0.0))
         self.string_energy_kwh = self._energy.kwh(self.soc_max)
         self.capacity_kwh = float(self.string_energy_kwh.sum())
         self.off_kw = np.array([s.inverter.off_loss for s in system.strings]) * system.nominal_kw
         lumped = [string.thermal.lumped for string in system.strings]
-        mass = np.array([1.0 / (WATTS_PER_KW * each.k1_k_per_j) for each in lumped])
+        mass = in_service * np.array([1.0 / (WATTS_PER_KW * each.k1_k_per_j) for each in lumped])
         cooling = np.array([each.k2_per_s for each in lumped])
         self._mass_share = mass / mass.sum()
         self.cooling_per_h = SECONDS_PER_HOUR * float(self._mass_share @ cooling)

@@ -33,7 +33,7 @@ class CycleDepthCost:
 
     @classmethod
     def of(cls, plant: Aggregate, wear: MarginalWear) -> Self:
-        """Return the mean over the strings at their temperatures."""
+        """Return the mean over the strings in service at their temperatures."""
         energy_kwh, share = plant.string_energy_kwh, plant.string_energy_kwh / plant.capacity_kwh
         wears = (string.wear for string in plant.system.strings)
         given = [each.eur_per_mwh if each.model != "none" else None for each in wears]
@@ -45,7 +45,7 @@ class CycleDepthCost:
         cycle_eur = (by_model * energy_kwh) @ (rate * depth)
         marginal = np.maximum.accumulate(np.diff(cycle_eur, prepend=0.0) / np.diff(depth, prepend=0.0))
         empty, full = (np.full((share.size, 1), soc) for soc in _HOLDING_SOC)
-        day_eur = by_model @ (
+        day_eur = (by_model & (energy_kwh > 0.0)) @ (
             wear.calendar_eur_day(full, temperature_c) - wear.calendar_eur_day(empty, temperature_c)
         )
         between_kwh = (_HOLDING_SOC[1] - _HOLDING_SOC[0]) * plant.capacity_kwh

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.dispatch.aggregate import StringEnergy
 from bess.system import State, System
@@ -12,6 +13,8 @@ _LEVELS = np.linspace(0.0, 1.0, 201)
 
 class StorageEstimator(Checkpointed):
     """Energy of all strings between two states of charge.
+
+    With ``limit_kw``, the power of each inverter in service, only strings above 0 count.
 
     Parameters
     ----------
@@ -62,15 +65,20 @@ class StorageEstimator(Checkpointed):
         self._charged_kwh += max(0.0, -delivered_kwh)
         self._discharged_kwh += max(0.0, delivered_kwh)
 
-    def stored_kwh(self, state: State) -> float:
+    def stored_kwh(self, state: State, limit_kw: Array | float = np.inf) -> float:
         """Energy stored above the lower SOC limits."""
-        return float((self._energy.kwh(state.soc) * state.soh_capacity).sum())
+        return float((self._energy.kwh(state.soc) * _soh_in_service(state, limit_kw)).sum())
 
-    def capacity_kwh(self, state: State, soc_max: float = 1.0) -> float:
+    def capacity_kwh(self, state: State, soc_max: float = 1.0, limit_kw: Array | float = np.inf) -> float:
         """Energy capacity: every string at ``soc_max``, or at its own limit if that is lower."""
         full = self._energy.kwh(np.minimum(self._soc_max, np.maximum(soc_max, self._soc_min)))
-        return float((full * state.soh_capacity).sum())
+        return float((full * _soh_in_service(state, limit_kw)).sum())
 
-    def soc_at(self, state: State, stored_kwh: float) -> float:
+    def soc_at(self, state: State, stored_kwh: float, limit_kw: Array | float = np.inf) -> float:
         """Return the common SOC of all strings at a total stored energy."""
-        return float(np.interp(stored_kwh, state.soh_capacity @ self._level_kwh, _LEVELS))
+        return float(np.interp(stored_kwh, _soh_in_service(state, limit_kw) @ self._level_kwh, _LEVELS))
+
+
+def _soh_in_service(state: State, limit_kw: Array | float) -> Array:
+    """Capacities relative to new strings; 0 out of service."""
+    return np.where(np.asarray(limit_kw) > 0.0, state.soh_capacity, 0.0)

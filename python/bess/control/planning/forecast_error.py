@@ -63,10 +63,11 @@ class ForecastErrorTracker(Checkpointed):
         """
         expected = self.expected_limit_kw
         known = expected if limit_kw is None else limit_kw
-        # Demand above the inverters in service is unmet and is not allocated.
-        max_kw = float((self._nominal_kw if known is None else known[:, 0]).sum())
+        limits_kw = self._nominal_kw[:, None] if known is None else known
         rows_kw = np.atleast_2d(demand_kw)[:, :2].tolist()
-        for now_kw, *next_kw in rows_kw:
+        for row, (now_kw, *next_kw) in enumerate(rows_kw):
+            # Demand above the inverters in service is unmet and is not allocated.
+            max_kw = float(limits_kw[:, min(row, limits_kw.shape[1] - 1)].sum())
             now = min(max(now_kw, -max_kw), max_kw)
             if self._forecast_kw is not None:
                 forecast_kw = min(max(self._forecast_kw, -max_kw), max_kw)

@@ -313,10 +313,12 @@ class ReserveSource(DemandSource):
 
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""
-        stored_kwh, capacity_kwh = self.store.stored_kwh(now.state), self.store.capacity_kwh(now.state)
+        state, limit_kw = now.state, now.limit_kw
+        stored_kwh = self.store.stored_kwh(state, limit_kw)
+        capacity_kwh = self.store.capacity_kwh(state, limit_kw=limit_kw)
         if self.budget is not None:
             answered_kw = max(0.0, self._recorded.get("response_kw", 0.0))
-            self.budget.advance(step, now.state, now.delivered_kw, answered_kw)
+            self.budget.advance(step, state, now.delivered_kw, answered_kw)
         capacity_kw = float(self.capacity_kw[step])
         window, largest = (
             EnergyWindow.of(each, self.choice.duration_min, capacity_kwh, self.store.one_way_efficiency)
@@ -328,14 +330,14 @@ class ReserveSource(DemandSource):
         response_kw = self.response_kw.ahead(step, horizon)
         schedule_kw = padded(self.recharge.scheduled_kw[: horizon - 1], horizon - 1)
         schedule_kw = np.concatenate([[shift_kw], schedule_kw]) + padded(traded_kw[:horizon], horizon)
-        free_kw = max(0.0, float(now.limit_kw.sum()) - abs(schedule_kw[0]))
+        free_kw = max(0.0, float(limit_kw.sum()) - abs(schedule_kw[0]))
         self._recorded = {
             "response_kw": float(response_kw[0]),
             "schedule_kw": float(schedule_kw[0]),
             "capacity_kw": capacity_kw,
             "capacity_able_kw": min(free_kw, window.sustainable_kw(capacity_kw, stored_kwh, capacity_kwh)),
-            "soc_low": self.store.soc_at(now.state, window.low_kwh),
-            "soc_high": self.store.soc_at(now.state, window.high_kwh),
+            "soc_low": self.store.soc_at(state, window.low_kwh, limit_kw),
+            "soc_high": self.store.soc_at(state, window.high_kwh, limit_kw),
         }
         demand_kw = padded(response_kw, horizon) + schedule_kw
         if self.budget is None:

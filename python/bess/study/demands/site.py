@@ -175,9 +175,9 @@ class MeterSource(DemandSource):
             target_kw=self.target_kw[step : step + net_kw.size],
             one_way_efficiency=self.store.one_way_efficiency,
             power_kw=min(self.target.power_kw, float(now.limit_kw.sum())),
-            capacity_kwh=self.store.capacity_kwh(state, self.ready_soc),
+            capacity_kwh=self.store.capacity_kwh(state, self.ready_soc, now.limit_kw),
         )
-        return padded(target.demand_kw(net_kw, self.store.stored_kwh(state)), horizon)
+        return padded(target.demand_kw(net_kw, self.store.stored_kwh(state, now.limit_kw)), horizon)
 
 
 @dataclass(frozen=True)
