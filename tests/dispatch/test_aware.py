@@ -170,7 +170,7 @@ def test_a_string_out_of_service_is_not_planned_with() -> None:
     plan = dispatch.plan(inputs, system.initial_state(), limit_kw=np.array([92.0, 0.0]))
     assert 80.0 < np.abs(plan.demand_kw).max() <= 92.0 + 1e-9
     nothing = dispatch.plan(inputs, system.initial_state(), limit_kw=np.zeros(2))
-    assert not nothing.demand_kw.any()
+    assert not nothing.demand_kw.any() and np.isfinite(nothing.expected_energy_kwh).all()
 
 
 @pytest.mark.parametrize("model", ["none", "nmc-a-75ah"])

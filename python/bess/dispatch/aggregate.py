@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from bess import _core
-from bess.arrays import Array
+from bess.arrays import Array, Flags
 from bess.system import State, System
 from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
 
@@ -35,6 +35,11 @@ _SUBSTEP_H: Final = 1.0 / 12.0
 
 _TAPERED_SUBSTEP_H: Final = 1.0 / 60.0
 """Like :data:`_SUBSTEP_H`, for cells with a voltage limit, which reduces a constant power over time."""
+
+
+def in_service(limit_kw: Array) -> Flags:
+    """Strings with power; if none has any, all of them, because their energy counts when they return."""
+    return np.asarray((limit_kw > 0.0) | ~(limit_kw > 0.0).any())
 
 
 class StringEnergy:
@@ -87,13 +92,13 @@ class Aggregate:
         self._model = system.control_at(health)
         batteries = [string.battery for string in system.strings]
         self.soc_min, self.soc_max = system.soc_window
-        in_service = self.limit_kw > 0.0
-        self._energy = StringEnergy(system, np.where(in_service, health.soh_capacity, 0.0))
+        counts = in_service(self.limit_kw)
+        self._energy = StringEnergy(system, np.where(counts, health.soh_capacity, 0.0))
         self.string_energy_kwh = self._energy.kwh(self.soc_max)
         self.capacity_kwh = float(self.string_energy_kwh.sum())
         self.off_kw = np.array([s.inverter.off_loss for s in system.strings]) * system.nominal_kw
         lumped = [string.thermal.lumped for string in system.strings]
-        mass = in_service * np.array([1.0 / (WATTS_PER_KW * each.k1_k_per_j) for each in lumped])
+        mass = counts * np.array([1.0 / (WATTS_PER_KW * each.k1_k_per_j) for each in lumped])
         cooling = np.array([each.k2_per_s for each in lumped])
         self._mass_share = mass / mass.sum()
         self.cooling_per_h = SECONDS_PER_HOUR * float(self._mass_share @ cooling)

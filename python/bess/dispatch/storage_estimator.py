@@ -4,7 +4,7 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.checkpoints import Checkpointed
-from bess.dispatch.aggregate import StringEnergy
+from bess.dispatch.aggregate import StringEnergy, in_service
 from bess.system import State, System
 
 _LEVELS = np.linspace(0.0, 1.0, 201)
@@ -14,7 +14,7 @@ _LEVELS = np.linspace(0.0, 1.0, 201)
 class StorageEstimator(Checkpointed):
     """Energy of all strings between two states of charge.
 
-    With ``limit_kw``, the power of each inverter in service, only strings above 0 count.
+    With ``limit_kw``, the power of each inverter in service, only strings above 0 count, or all if none is.
 
     Parameters
     ----------
@@ -81,4 +81,4 @@ class StorageEstimator(Checkpointed):
 
 def _soh_in_service(state: State, limit_kw: Array | float) -> Array:
     """Capacities relative to new strings; 0 out of service."""
-    return np.where(np.asarray(limit_kw) > 0.0, state.soh_capacity, 0.0)
+    return np.where(in_service(np.asarray(limit_kw)), state.soh_capacity, 0.0)
