@@ -111,6 +111,10 @@ BAD = {
         b'{"demand_kw": 5, "strings": [{"soc": 0.5, "limit_kw": -1}, {"soc": 0.5}]}',
         "strings[0].limit_kw = -1",
     ),
+    "limit by a hair": (
+        b'{"demand_kw": 5, "strings": [{"soc": 0.5, "limit_kw": 92.00001}, {"soc": 0.5}]}',
+        "strings[0].limit_kw = 92.00001: must be in [0, 92] kW",
+    ),
     "twice": (
         b'{"demand_kw": 5, "demand_kw": 50, "strings": [{"soc": 0.5}, {"soc": 0.5}]}',
         "the key 'demand_kw' occurs twice in one object; give it once",
