@@ -9,7 +9,7 @@ import pytest
 import bess
 from bess.edge.plant_io import Measurements
 from bess.edge.plant_io.journal import Journal, open_journal
-from bess.edge.plant_io.journal_page import MAX_BINS, in_bins, modelled_losses, write_journal_report
+from bess.edge.plant_io.journal_page import MAX_BINS, Losses, in_bins, modelled_losses, write_journal_report
 from commands import command
 
 SYSTEM = bess.System.reference(n_strings=2)
@@ -90,6 +90,16 @@ def test_the_page_says_what_was_watched_and_what_was_missing(folder: Path) -> No
         "split.svg",
         "state.svg",
     ]
+
+
+def test_a_journal_of_many_megawatts_has_plain_numbers(tmp_path: Path) -> None:
+    with Journal(tmp_path, SYSTEM, "") as journal:
+        for second in range(0, 3600, 10):
+            _append(journal, second, [50_000.0, 20_000.0], [75_000.0, 0.0])
+    page = write_journal_report(tmp_path).read_text(encoding="utf-8")
+    assert "70,000 discharged + 0 charged" in page
+    assert "by 22,638 kW (rms)" in page
+    assert "e+0" not in Losses(12_345.6, 12_000.0, 8760.0, 8784.0).sentence()
 
 
 def test_report_and_export_know_a_journal(folder: Path) -> None:

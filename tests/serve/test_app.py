@@ -64,9 +64,14 @@ def test_a_forecast_brings_a_plan_of_its_length(client: TestClient) -> None:
     np.testing.assert_allclose(np.array(answer["plan_kw"])[:, 0], answer["request_kw"])
 
 
-def test_a_string_out_of_service_needs_no_measurements(client: TestClient) -> None:
+def test_a_string_out_of_service_needs_no_measurements_and_is_in_the_log(
+    client: TestClient, caplog: pytest.LogCaptureFixture
+) -> None:
     strings = [{"available": False}, STRING]
-    answer = client.post("/v1/split", json={"demand_kw": -60.0, "strings": strings}).json()
+    with caplog.at_level(logging.INFO, logger="bess.serve"):
+        answer = client.post("/v1/split", json={"demand_kw": -60.0, "strings": strings}).json()
+    (line,) = (record for record in caplog.records if record.getMessage() == "answer")
+    assert line.fields["out_of_service"] == answer["reasons"][:1]  # type: ignore[attr-defined]
     assert answer["request_kw"] == [0.0, -60.0]
     assert answer["reasons"][0] == "string 0 rests: out of service, says the plant"
 
@@ -105,6 +110,10 @@ BAD = {
     "limit": (
         b'{"demand_kw": 5, "strings": [{"soc": 0.5, "limit_kw": -1}, {"soc": 0.5}]}',
         "strings[0].limit_kw = -1",
+    ),
+    "limit by a hair": (
+        b'{"demand_kw": 5, "strings": [{"soc": 0.5, "limit_kw": 92.00001}, {"soc": 0.5}]}',
+        "strings[0].limit_kw = 92.00001: must be in [0, 92] kW",
     ),
     "twice": (
         b'{"demand_kw": 5, "demand_kw": 50, "strings": [{"soc": 0.5}, {"soc": 0.5}]}',

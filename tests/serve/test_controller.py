@@ -105,6 +105,7 @@ def test_a_demand_beyond_the_plant_is_named_not_hidden() -> None:
     np.testing.assert_allclose(answer.request_kw, [92.0, 92.0])
     assert answer.unmet_kw == pytest.approx(316.0)
     assert "316 kW of 500 kW cannot be met" in answer.status
+    assert answer.reasons[0] == "string 0 runs: at its limit of 92 kW"
     in_watts = controller(2).step(measured([0.5, 0.5]), -78000.0, 0.0)
     assert "77816 kW of -78000 kW cannot be met" in in_watts.status
 

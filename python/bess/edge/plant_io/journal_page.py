@@ -84,9 +84,10 @@ class Losses:
     def sentence(self) -> str:
         """Sentence of the summary."""
         return (
-            f"Modelled losses of inverters and batteries, over {self.hours:.3g} of {self.of_hours:.3g} h in "
-            f"which both splits gave the same plant power: {self.did_kwh:.4g} kWh for the actual power, "
-            f"{self.recommended_kwh:.4g} kWh for the computed set-points. Neither was measured."
+            f"Modelled losses of inverters and batteries, over {_number(self.hours)} of "
+            f"{_number(self.of_hours)} h in which both splits gave the same plant power: "
+            f"{_number(self.did_kwh)} kWh for the actual power, "
+            f"{_number(self.recommended_kwh)} kWh for the computed set-points. Neither was measured."
         )
 
 
@@ -148,6 +149,11 @@ def _state(binned: xr.Dataset, time: TimeAxis) -> Chart:
     return Chart(time.label, [soc, temperature])
 
 
+def _number(value: float) -> str:
+    """Return a number with four digits, and all whole ones of a larger number: 12,345, not 1.234e+04."""
+    return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.4g}"
+
+
 def _total(values: Array) -> Array:
     """Sum over strings; NaN only if all are unknown."""
     return np.where(np.isfinite(values).any(axis=1), np.nansum(values, axis=1), np.nan)
@@ -171,7 +177,7 @@ def _summary(journal: xr.Dataset) -> Iterator[str]:
     both = np.isfinite(did) & np.isfinite(recommended)
     if both.any():
         rms = float(np.sqrt(np.mean(np.square((did - recommended)[both]))))
-        yield f"The power of a string differs from its computed set-point by {rms:.3g} kW (rms)."
+        yield f"The power of a string differs from its computed set-point by {_number(rms)} kW (rms)."
 
 
 def _tiles(journal: xr.Dataset) -> Iterator[Tile]:
@@ -181,12 +187,12 @@ def _tiles(journal: xr.Dataset) -> Iterator[Tile]:
     demand = journal["demand_kw"].values
     for label, power in (("Energy demand", demand), ("Delivered", _total(journal["power_kw"].values))):
         kwh = np.nan_to_num(power) * hours
-        given, taken = float(kwh[kwh > 0.0].sum()), -float(kwh[kwh < 0.0].sum())
-        yield Tile(label, f"{given + taken:,.4g}", "kWh", f"{given:,.4g} discharged + {taken:,.4g} charged")
+        given, taken = float(kwh[kwh > 0.0].sum()), float((-kwh[kwh < 0.0]).sum())
+        parts = f"{_number(given)} discharged + {_number(taken)} charged"
+        yield Tile(label, _number(given + taken), "kWh", parts)
     missed = np.abs(demand - np.nan_to_num(_total(journal["recommended_kw"].values)))
-    yield Tile(
-        "Demand above the set-points", f"{float((missed * hours).sum()):,.3g}", "kWh", "both directions"
-    )
+    missed_kwh = float((missed * hours).sum())
+    yield Tile("Demand above the set-points", _number(missed_kwh), "kWh", "both directions")
 
 
 def _warnings(journal: xr.Dataset) -> Iterator[str]:

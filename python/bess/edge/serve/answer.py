@@ -104,19 +104,23 @@ def reasons(
         elif calibration.string == i:
             why = f"it is charged to {100.0 * calibration.target_soc:g} % for calibration"
         else:
-            why = _why(i, verb, system, valid, able, float(request_kw.sum()))
+            why = _why(i, verb, system, valid, able, request_kw)
         sentences.append(f"string {i} {verb}: {why}")
     return tuple(sentences)
 
 
-def _why(i: int, verb: str, system: System, valid: ValidState, able: PowerCapability, plant_kw: float) -> str:
-    temperature_c = valid.state.temperature_c[i]
+def _why(
+    i: int, verb: str, system: System, valid: ValidState, able: PowerCapability, request_kw: Array
+) -> str:
+    temperature_c, plant_kw = valid.state.temperature_c[i], request_kw.sum()
     if verb == "idles":
         return "a later start would cost more than its no-load loss"
     if temperature_c > system.strings[i].derating.start_c:
         return f"hot, {temperature_c:.1f} °C"
     if verb == "runs":
-        return "it has its share of the demand"
+        most_kw = float(able.towards(request_kw[i] > 0.0)[i])
+        is_full = abs(request_kw[i]) >= most_kw - POWER_TOLERANCE_KW
+        return f"at its limit of {rounded(most_kw, 4)} kW" if is_full else "it has its share of the demand"
     if able.discharge_kw[i] <= POWER_TOLERANCE_KW and plant_kw >= 0.0:
         return f"at its lowest state of charge, {100.0 * valid.soc_low[i]:.1f} %"
     if able.charge_kw[i] <= POWER_TOLERANCE_KW and plant_kw <= 0.0:

@@ -126,7 +126,7 @@ def measurements_of(message: SplitMessage, system: System) -> Measurements:
             )
         if string.limit_kw is not None and string.limit_kw > nominal_kw * (1.0 + 1e-9):
             raise InputError(
-                f"strings[{i}].limit_kw = {string.limit_kw:g}: must be in [0, {nominal_kw:g}] kW, the power "
+                f"strings[{i}].limit_kw = {string.limit_kw}: must be in [0, {nominal_kw:g}] kW, the power "
                 "of its inverter"
             )
     plant_kw = math.nan if message.plant_kw is None else message.plant_kw

@@ -191,6 +191,7 @@ class Service:
             "unmet_kw": answer.unmet_kw,
             "fallback": answer.fallback,
             "solve_time_s": round(answer.solve_time_s, 6),
+            "out_of_service": [answer.reasons[i] for i in np.flatnonzero(~answer.in_service)],
         }
         LOG.info("answer", extra={"fields": fields})
 
