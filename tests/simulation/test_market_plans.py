@@ -49,14 +49,15 @@ def as_planned(plan: MarketPlan, age: int) -> StepInputs:
 
 def test_a_plan_is_kept_while_all_comes_as_it_counted_on() -> None:
     aware = planner()
-    plan = aware.plan(0, now(), 0.0, 0.0)
+    plan = aware.plan(0, now(), 0.0)
     assert not any(aware.is_due(age, as_planned(plan, age), plan) for age in (1, COMPARE - 1, COMPARE))
     assert aware.is_due(LOOK_AHEAD // 6, as_planned(plan, LOOK_AHEAD // 6), plan)
 
 
 def linear() -> LinearPlanner:
     return LinearPlanner(
-        Arbitrage(PerfectForecast(PRICES), np.arange(PRICES.size) // 96, power_kw=184.0, energy_kwh=500.0)
+        Arbitrage(PerfectForecast(PRICES), np.arange(PRICES.size) // 96, power_kw=184.0, energy_kwh=500.0),
+        SYSTEM,
     )
 
 
@@ -65,18 +66,28 @@ def test_an_inverter_that_fails_or_returns_makes_a_new_plan_at_once(
     made: Callable[[], AwarePlanner | LinearPlanner],
 ) -> None:
     dispatch = made()
-    plan = dispatch.plan(0, now(), 250.0, 0.0)
+    plan = dispatch.plan(0, now(), 0.0)
     assert np.abs(plan.demand_kw).max() > 170.0
     assert dispatch.is_due(1, now(limit_kw=(92.0, 0.0)), plan)
     assert dispatch.is_due(1, now(), replace(plan, limit_kw=np.array([92.0, 0.0])))
-    rest = dispatch.plan(1, now(limit_kw=(92.0, 0.0)), 250.0, 0.0)
+    rest = dispatch.plan(1, now(limit_kw=(92.0, 0.0)), 0.0)
     assert 80.0 < np.abs(rest.demand_kw).max() <= 92.0 + 1e-9
+
+
+def test_a_linear_plan_has_the_energy_of_strings_in_service_only() -> None:
+    """One of two strings is full and out: the other cannot sell what it holds, nor store what it could."""
+    state = bess.State([0.0, 1.0], [25.0, 25.0])
+    out = replace(now(limit_kw=(92.0, 0.0)), state=state)
+    plan_kw = linear().plan(0, out, 0.0).demand_kw
+    stored_kwh = -np.cumsum(np.where(plan_kw < 0.0, plan_kw * 0.9**0.5, plan_kw / 0.9**0.5)) * 0.25
+    assert stored_kwh.min() > -1.0
+    assert 200.0 < stored_kwh.max() < SYSTEM.nominal_energy_kwh[0] + 1.0
 
 
 @pytest.mark.parametrize("off", [{"soc": 0.1}, {"temperature_c": 5.0}])
 def test_a_plant_that_is_elsewhere_makes_a_new_plan_when_it_is_looked_at(off: dict[str, float]) -> None:
     aware = planner()
-    plan = aware.plan(0, now(), 0.0, 0.0)
+    plan = aware.plan(0, now(), 0.0)
     there = as_planned(plan, COMPARE).state
     soc, temperature_c = float(there.soc[0]), float(there.temperature_c[0])
     soc += off.get("soc", 0.0) * (1.0 if soc < 0.5 else -1.0)
@@ -88,13 +99,13 @@ def test_a_plant_that_is_elsewhere_makes_a_new_plan_when_it_is_looked_at(off: di
 def test_prices_that_are_foreseen_otherwise_make_a_new_plan() -> None:
     prices = PRICES + 20.0 * (np.arange(480) >= 96)  # yesterday was another day
     aware = planner(prices, perfect=False)
-    plan = aware.plan(96, now(), 0.0, 0.0)
+    plan = aware.plan(96, now(), 0.0)
     assert aware.is_due(96 + COMPARE, as_planned(plan, COMPARE), plan)
 
 
 def test_with_a_period_only_the_period_counts() -> None:
     aware = planner(replan_steps=4)
-    plan = aware.plan(0, now(), 0.0, 0.0)
+    plan = aware.plan(0, now(), 0.0)
     assert [aware.is_due(step, now(0.9, 40.0, (92.0, 0.0)), plan) for step in (3, 4, 5, 8)] == [
         False, True, False, True,
     ]  # fmt: skip
@@ -103,7 +114,7 @@ def test_with_a_period_only_the_period_counts() -> None:
 def test_a_price_that_comes_otherwise_makes_a_new_plan_at_once() -> None:
     prices = np.round(PRICES) + 20.0 * (np.arange(480) == 98)
     aware = planner(prices, perfect=False)
-    plan = aware.plan(96, now(), 0.0, 0.0)
+    plan = aware.plan(96, now(), 0.0)
     assert [aware.is_due(96 + age, now(), plan) for age in (1, 2, 3)] == [False, True, False]
 
 

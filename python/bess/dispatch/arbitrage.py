@@ -148,6 +148,7 @@ class Arbitrage:
         budget_price_eur_mwh: float = 0.0,
         remaining_kwh: float = np.inf,
         available_kw: float = np.inf,
+        available_kwh: float = np.inf,
     ) -> Array:
         """Return the demand of maximum income over the look-ahead.
 
@@ -164,8 +165,8 @@ class Arbitrage:
             Additional price of each MWh discharged: the shadow price of a budget.
         remaining_kwh : float
             Maximum stored energy that the plan may discharge.
-        available_kw : float
-            Power of the inverters in service, assumed constant over the plan.
+        available_kw, available_kwh : float
+            Power of the inverters and energy capacity of the strings in service, constant over the plan.
 
         Returns
         -------
@@ -204,6 +205,7 @@ class Arbitrage:
             budget_price_eur_mwh=budget_price_eur_mwh,
             remaining_kwh=remaining_kwh,
             available_kw=available_kw,
+            available_kwh=available_kwh,
         )
 
     def of_prices(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> Array:
@@ -282,6 +284,7 @@ class Arbitrage:
         discharged_today_kwh: float = 0.0,
         budget_price_eur_mwh: float = 0.0,
         remaining_kwh: float = np.inf,
+        available_kwh: float = np.inf,
     ) -> StoreProgram:
         """Return the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h.
 
@@ -296,7 +299,7 @@ class Arbitrage:
             energy_kwh / self.power_kw,
             cost=(per_unit * price, per_unit * (budget_price_eur_mwh - price)),
             max_power=(np.minimum(self._max_power[0], free), np.minimum(self._max_power[1], free)),
-            capacity=self.energy_kwh / self.power_kw,
+            capacity=min(self.energy_kwh, available_kwh) / self.power_kw,
         )
         if self.cycles_per_plan is None:
             numbers, row = np.unique(days, return_inverse=True)

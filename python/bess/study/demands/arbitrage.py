@@ -274,7 +274,7 @@ class ArbitrageDemand(DemandSection):
                 cycles_per_plan=self.cycles_per_plan,
                 replan_h=self.replan_h or COMPARE_H,
             )
-            return LinearPlanner(arbitrage)
+            return LinearPlanner(arbitrage, setting.system)
         dispatch = DynamicProgramDispatch(
             setting.system,
             grid.dt_h,
@@ -360,7 +360,7 @@ class ArbitrageSource(DemandSource):
             self.connection.advance(step, now.delivered_kw)
         if self._plan is None or self.planner.is_due(step, now, self._plan):
             limits = {} if self.budget is None else self.budget.for_plan()
-            self._plan = self.planner.plan(step, now, self._energy_kwh, self._discharged_kwh, **limits)
+            self._plan = self.planner.plan(step, now, self._discharged_kwh, **limits)
         offset = step - self._plan.step
         demand_kw = padded(self._plan.demand_kw[offset : offset + horizon], horizon)
         if self.connection is not None:

@@ -14,7 +14,9 @@ from bess.dispatch import (
     DynamicProgramDispatch,
     Forecast,
 )
+from bess.dispatch.aggregate import in_service
 from bess.study.demands.source import StepInputs
+from bess.system import System
 
 COMPARE_H = 3.0
 """Interval between comparisons of the measured state with a dispatch plan [h]."""
@@ -47,8 +49,8 @@ class LinearPlanner:
     ``days`` is the number of the trading day of each step.
     """
 
-    def __init__(self, arbitrage: Arbitrage) -> None:
-        self._arbitrage = arbitrage
+    def __init__(self, arbitrage: Arbitrage, system: System) -> None:
+        self._arbitrage, self._system = arbitrage, system
         self.days = arbitrage.days
 
     def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
@@ -59,17 +61,21 @@ class LinearPlanner:
         outage = now is not None and not np.array_equal(now.limit_kw, plan.limit_kw)
         return outage or self._arbitrage.is_due(step)
 
-    def plan(
-        self, step: int, now: StepInputs, energy_kwh: float, discharged_kwh: float, **budget: float
-    ) -> MarketPlan:
-        """Plan over the look-ahead, from the stored energy and the energy discharged on this day so far.
+    def plan(self, step: int, now: StepInputs, discharged_kwh: float, **budget: float) -> MarketPlan:
+        """Plan over the look-ahead, from the measured state and the energy discharged on this day so far.
 
         ``budget`` is that of :meth:`bess.dispatch.CycleBudget.for_plan`. The plan depends on the arguments
         only.
         """
-        available_kw = float(now.limit_kw.sum())
+        state, (low, high) = now.state, self._system.soc_window
+        nominal_kwh = np.where(in_service(now.limit_kw), self._system.nominal_energy_kwh, 0.0)
         demand_kw = self._arbitrage.plan(
-            step, energy_kwh, discharged_kwh, available_kw=available_kw, **budget
+            step,
+            float(((state.soc - low) * nominal_kwh * state.soh_capacity).sum()),
+            discharged_kwh,
+            available_kw=float(now.limit_kw.sum()),
+            available_kwh=float((nominal_kwh * (high - low)).sum()),
+            **budget,
         )
         none = np.zeros(0)
         return MarketPlan(demand_kw, demand_kw, np.nan, none, none, step, now.limit_kw, none)
@@ -116,10 +122,8 @@ class AwarePlanner:
         off_k = abs(temperature_c - float(plan.expected_temperature_c[age - 1]))
         return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
 
-    def plan(
-        self, step: int, now: StepInputs, energy_kwh: float, discharged_kwh: float, **budget: float
-    ) -> MarketPlan:
-        """See :class:`LinearPlanner`; the stored energy follows from the state."""
+    def plan(self, step: int, now: StepInputs, discharged_kwh: float, **budget: float) -> MarketPlan:
+        """See :class:`LinearPlanner`."""
         price = self.prices.ahead(step, self.look_ahead_steps)
         inputs = DispatchInputs(
             price,
