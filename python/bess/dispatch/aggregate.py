@@ -37,8 +37,8 @@ _TAPERED_SUBSTEP_H: Final = 1.0 / 60.0
 """Like :data:`_SUBSTEP_H`, for cells with a voltage limit, which reduces a constant power over time."""
 
 
-def in_service(limit_kw: Array) -> Flags:
-    """Strings with power; if none has any, all of them, because their energy counts when they return."""
+def counted(limit_kw: Array) -> Flags:
+    """Strings whose energy counts: those in service, or all if none is, because they return."""
     return np.asarray((limit_kw > 0.0) | ~(limit_kw > 0.0).any())
 
 
@@ -92,7 +92,7 @@ class Aggregate:
         self._model = system.control_at(health)
         batteries = [string.battery for string in system.strings]
         self.soc_min, self.soc_max = system.soc_window
-        counts = in_service(self.limit_kw)
+        counts = counted(self.limit_kw)
         self._energy = StringEnergy(system, np.where(counts, health.soh_capacity, 0.0))
         self.string_energy_kwh = self._energy.kwh(self.soc_max)
         self.capacity_kwh = float(self.string_energy_kwh.sum())

@@ -4,7 +4,7 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.checkpoints import Checkpointed
-from bess.dispatch.aggregate import StringEnergy, in_service
+from bess.dispatch.aggregate import StringEnergy, counted
 from bess.system import State, System
 
 _LEVELS = np.linspace(0.0, 1.0, 201)
@@ -67,18 +67,18 @@ class StorageEstimator(Checkpointed):
 
     def stored_kwh(self, state: State, limit_kw: Array | float = np.inf) -> float:
         """Energy stored above the lower SOC limits."""
-        return float((self._energy.kwh(state.soc) * _soh_in_service(state, limit_kw)).sum())
+        return float((self._energy.kwh(state.soc) * _counted_soh(state, limit_kw)).sum())
 
     def capacity_kwh(self, state: State, soc_max: float = 1.0, limit_kw: Array | float = np.inf) -> float:
         """Energy capacity: every string at ``soc_max``, or at its own limit if that is lower."""
         full = self._energy.kwh(np.minimum(self._soc_max, np.maximum(soc_max, self._soc_min)))
-        return float((full * _soh_in_service(state, limit_kw)).sum())
+        return float((full * _counted_soh(state, limit_kw)).sum())
 
     def soc_at(self, state: State, stored_kwh: float, limit_kw: Array | float = np.inf) -> float:
         """Return the common SOC of all strings at a total stored energy."""
-        return float(np.interp(stored_kwh, _soh_in_service(state, limit_kw) @ self._level_kwh, _LEVELS))
+        return float(np.interp(stored_kwh, _counted_soh(state, limit_kw) @ self._level_kwh, _LEVELS))
 
 
-def _soh_in_service(state: State, limit_kw: Array | float) -> Array:
-    """Capacities relative to new strings; 0 out of service."""
-    return np.where(in_service(np.asarray(limit_kw)), state.soh_capacity, 0.0)
+def _counted_soh(state: State, limit_kw: Array | float) -> Array:
+    """Capacities relative to new strings; 0 for those that do not count."""
+    return np.where(counted(np.asarray(limit_kw)), state.soh_capacity, 0.0)

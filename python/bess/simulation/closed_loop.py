@@ -226,8 +226,8 @@ class ClosedLoop:
         ``soh_capacity`` are the capacities before, ``asked_kvar`` and ``investment_eur`` of a single step.
         """
         inputs, n_steps = self.inputs, len(flows.soc)
-        coolant_c = flows.node_max_c if flows.coolant_c is None else flows.coolant_c
-        if (hottest_c := max(flows.node_max_c.max(), coolant_c.max())) > TEMPERATURE_RANGE_C[1]:
+        hottest_c = max(each.max() for each in (flows.node_max_c, flows.coolant_c) if each is not None)
+        if hottest_c > TEMPERATURE_RANGE_C[1]:
             raise InputError(
                 f"{self._place}: cells or coolant reach {hottest_c:.0f} degC, above the "
                 f"{TEMPERATURE_RANGE_C[1]:g} degC of a plant; check cooling, thermal and losses of the system"

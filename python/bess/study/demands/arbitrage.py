@@ -29,7 +29,7 @@ from bess.dispatch.forecast import price_ends_of, steps_in
 from bess.dispatch.markets import AuctionForecast
 from bess.errors import InputError, placed
 from bess.files import Fill
-from bess.study.demands.planners import COMPARE_H, AwarePlanner, LinearPlanner, MarketPlan
+from bess.study.demands.planners import COMPARE_H, AwarePlanner, LinearPlanner, MarketPlan, nominal_stored_kwh
 from bess.study.demands.site import MeterSection, site_of
 from bess.study.demands.source import (
     DemandSection,
@@ -383,8 +383,8 @@ class ArbitrageSource(DemandSource):
 
     def measured(self, step: int, soc: Array, soh_capacity: Array) -> None:
         """Add the energy discharged in the previous step; a step that ends at midnight counts for its day."""
-        stored_kwh = (soc - self.system.soc_window[0]) * self.system.nominal_energy_kwh * soh_capacity
-        day, energy_kwh = int(self.planner.days[step]), float(stored_kwh.sum())
+        energy_kwh = float(nominal_stored_kwh(self.system, soc, soh_capacity).sum())
+        day = int(self.planner.days[step])
         if day == self._day:
             self._discharged_kwh += max(0.0, self._energy_kwh - energy_kwh)
         else:

@@ -14,7 +14,7 @@ from bess.dispatch import (
     DynamicProgramDispatch,
     Forecast,
 )
-from bess.dispatch.aggregate import in_service
+from bess.dispatch.aggregate import counted
 from bess.study.demands.source import StepInputs
 from bess.system import System
 
@@ -43,6 +43,11 @@ class MarketPlan(DispatchPlan):
     price_eur_mwh: Array
 
 
+def nominal_stored_kwh(system: System, soc: Array, soh_capacity: Array) -> Array:
+    """Energy of each string above its lower SOC limit, at nominal voltage."""
+    return np.asarray((soc - system.soc_window[0]) * system.nominal_energy_kwh * soh_capacity)
+
+
 class LinearPlanner:
     """The arbitrage program with a constant efficiency, which assumes full delivery.
 
@@ -67,14 +72,15 @@ class LinearPlanner:
         ``budget`` is that of :meth:`bess.dispatch.CycleBudget.for_plan`. The plan depends on the arguments
         only.
         """
-        state, (low, high) = now.state, self._system.soc_window
-        nominal_kwh = np.where(in_service(now.limit_kw), self._system.nominal_energy_kwh, 0.0)
+        (low, high), counts = self._system.soc_window, counted(now.limit_kw)
+        capacity_kwh = self._system.nominal_energy_kwh * (high - low)
+        stored_kwh = nominal_stored_kwh(self._system, now.state.soc, now.state.soh_capacity)
         demand_kw = self._arbitrage.plan(
             step,
-            float(((state.soc - low) * nominal_kwh * state.soh_capacity).sum()),
+            float(stored_kwh[counts].sum()),
             discharged_kwh,
             available_kw=float(now.limit_kw.sum()),
-            available_kwh=float((nominal_kwh * (high - low)).sum()),
+            available_kwh=float(capacity_kwh[counts].sum()),
             **budget,
         )
         none = np.zeros(0)
