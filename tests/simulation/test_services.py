@@ -446,6 +446,21 @@ def test_trade_stays_within_what_the_reserve_leaves() -> None:
     assert result.kpis["discharge_revenue_eur"] > result.kpis["charge_cost_eur"]
 
 
+@pytest.mark.parametrize(
+    "reserve",
+    [
+        {"demand__capacity_kw": 92.0},
+        {"demand__capacity_kw": 60.0},
+        {"demand__choose_capacity": "perfect", "demand__capacity_price_eur_mw": 24.0},
+    ],
+)
+def test_reserve_and_trade_fit_into_the_strings_in_service(reserve: dict[str, object]) -> None:
+    """In two days with one of two strings, up to 830 kWh were undelivered."""
+    kpis = outcome("fcr-arbitrage", event=OUT, policy__name="soc", run__days=3.0, **reserve).kpis
+    assert kpis["undelivered_kwh"] == 0.0
+    assert kpis["discharge_revenue_eur"] > kpis["charge_cost_eur"]
+
+
 def test_a_service_names_bundled_files_only_if_there_are_such() -> None:
     with pytest.raises(InputError, match=r"demand\.load = 'industrial-weak'.*did you mean 'industrial-week'"):
         outcome("peak-shaving", demand__load="industrial-weak")

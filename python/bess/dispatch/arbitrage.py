@@ -129,7 +129,7 @@ class Arbitrage:
         self.power_kw, self.energy_kwh, self.dt_h = power_kw, energy_kwh, dt_h
         self.efficiency, self.cycles_per_day = efficiency, cycles_per_day
         self.cycles_per_plan, self.connection = cycles_per_plan, connection
-        self._free = 1.0 - np.broadcast_to(np.asarray(reserved_kw, np.float64), self.days.shape) / power_kw
+        self._reserved = np.broadcast_to(np.asarray(reserved_kw, np.float64), self.days.shape) / power_kw
         self._max_power = (
             min(1.0, (max_import_kw or power_kw) / power_kw),
             min(1.0, (max_export_kw or power_kw) / power_kw),
@@ -237,7 +237,8 @@ class Arbitrage:
 
     def _free_share(self, step: int, n_steps: int, available_kw: float = np.inf) -> Array:
         """Power that is in service and not reserved, as a share of ``power_kw``."""
-        return np.minimum(self._free[step : step + n_steps], available_kw / self.power_kw)
+        available = min(1.0, available_kw / self.power_kw)
+        return np.maximum(0.0, available - self._reserved[step : step + n_steps])
 
     def _solve(
         self, step: int, price: Array, energy_kwh: float, available_kw: float = np.inf, **limits: float

@@ -118,7 +118,10 @@ class FcrDemand(DemandSection):
             grid.dt_h,
             store.one_way_efficiency,
         )
-        source = ReserveSource(self, capacity_kw, sold_kw, response, recharge, store, trade, budget)
+        nominal_kw = float(system.nominal_kw.sum())
+        source = ReserveSource(
+            self, nominal_kw, capacity_kw, sold_kw, response, recharge, store, trade, budget
+        )
         recorded = {"frequency_mhz": series.on(grid), "capacity_price_eur_mw_h": capacity_price}
         return RunDemand(grid, source, price, recorded)
 
@@ -296,9 +299,10 @@ class ReserveSource(DemandSource):
     The energy of ``max_capacity_kw`` is kept at all times: future sales are unknown.
     """
 
-    _carried = ("recharge", "_plan", "_day", "_sold_kwh", "_recorded", "budget")
+    _carried = ("recharge", "_plan", "_limit_kw", "_day", "_sold_kwh", "_recorded", "budget")
 
     choice: FcrDemand
+    nominal_kw: float
     max_capacity_kw: float
     capacity_kw: Array
     response_kw: Forecast
@@ -307,6 +311,7 @@ class ReserveSource(DemandSource):
     trade: Arbitrage | None
     budget: CycleBudget | None
     _plan: Array = field(default_factory=lambda: np.zeros(0))
+    _limit_kw: Array = field(default_factory=lambda: np.zeros(0))
     _day: int | None = None
     _sold_kwh: float = 0.0
     _recorded: dict[str, float] = field(default_factory=dict)
@@ -326,7 +331,7 @@ class ReserveSource(DemandSource):
         )
         band = largest.narrowed(self.choice.band)
         shift_kw = self.recharge.advance(step, stored_kwh, band)
-        traded_kw = self._traded(step, stored_kwh, band)
+        traded_kw = self._traded(step, limit_kw, stored_kwh, band)
         response_kw = self.response_kw.ahead(step, horizon)
         schedule_kw = padded(self.recharge.scheduled_kw[: horizon - 1], horizon - 1)
         schedule_kw = np.concatenate([[shift_kw], schedule_kw]) + padded(traded_kw[:horizon], horizon)
@@ -348,7 +353,7 @@ class ReserveSource(DemandSource):
         self._recorded |= self.budget.recorded()
         return allowed_kw
 
-    def _traded(self, step: int, stored_kwh: float, band: EnergyWindow) -> Array:
+    def _traded(self, step: int, limit_kw: Array, stored_kwh: float, band: EnergyWindow) -> Array:
         """Return the planned trade of this step and the next ones."""
         if self.trade is None:
             return np.zeros(0)
@@ -356,9 +361,16 @@ class ReserveSource(DemandSource):
         if day != self._day:
             self._day, self._sold_kwh = day, 0.0
         self._plan = self._plan[1:]
-        if self.trade.is_due(step):
+        if self.trade.is_due(step) or not np.array_equal(limit_kw, self._limit_kw):
             budget = {} if self.budget is None else self.budget.for_plan()
-            self._plan = self.trade.plan(step, stored_kwh - band.low_kwh, self._sold_kwh, **budget)
+            self._limit_kw, out_kw = limit_kw, self.nominal_kw - float(limit_kw.sum())
+            self._plan = self.trade.plan(
+                step,
+                stored_kwh - band.low_kwh,
+                self._sold_kwh,
+                available_kw=self.trade.power_kw - out_kw,
+                **budget,
+            )
         self._sold_kwh += max(0.0, float(self._plan[0])) * self.trade.dt_h / self.store.one_way_efficiency
         return self._plan
 
