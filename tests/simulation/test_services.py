@@ -451,7 +451,12 @@ def test_trade_stays_within_what_the_reserve_leaves() -> None:
     [
         {"demand__capacity_kw": 92.0},
         {"demand__capacity_kw": 60.0},
-        {"demand__choose_capacity": "perfect", "demand__capacity_price_eur_mw": 24.0},
+        {
+            "demand__choose_capacity": "perfect",
+            "demand__capacity_price_eur_mw": 24.0,
+            "demand__capacity_kw": 83.7,
+            "demand__recharge_kw": 11.3,
+        },
     ],
 )
 def test_reserve_and_trade_fit_into_the_strings_in_service(reserve: dict[str, object]) -> None:
