@@ -24,6 +24,7 @@ from bess.dispatch import (
     StorageEstimator,
     auction_positions,
 )
+from bess.dispatch.aggregate import counted
 from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.forecast import price_ends_of, steps_in
 from bess.dispatch.markets import AuctionForecast
@@ -365,7 +366,8 @@ class ArbitrageSource(DemandSource):
         demand_kw = padded(self._plan.demand_kw[offset : offset + horizon], horizon)
         if self.connection is not None:
             dt_h = self.system.control.step_min / 60.0
-            max_kw = min(self._energy_kwh / dt_h, float(now.limit_kw.sum()))
+            stored_kwh = nominal_stored_kwh(self.system, state.soc, state.soh_capacity)
+            max_kw = min(float(stored_kwh[counted(now.limit_kw)].sum()) / dt_h, float(now.limit_kw.sum()))
             demand_kw[0] = self.connection.limited(step, float(demand_kw[0]), max_kw)
         return demand_kw if self.budget is None else self.budget.limited(demand_kw)
 
