@@ -171,6 +171,14 @@ def test_the_cycle_limit_counts_local_days():
     np.testing.assert_allclose([out[:24].sum(), out[24:].sum()], 0.5 * ENERGY_KWH)
 
 
+@pytest.mark.parametrize("cycles", [{"cycles_per_day": 1.0}, {"cycles_per_plan": 1.0}])
+def test_the_strings_in_service_make_no_cycles_for_those_that_are_out(cycles):
+    """Half of the energy is in service: it was discharged twice."""
+    price = np.tile([10.0, 10.0, 90.0, 90.0], 6)
+    plan = planner(price, efficiency=1.0, **cycles).plan(0, 0.0, available_kwh=ENERGY_KWH / 2.0)
+    assert np.maximum(plan, 0.0).sum() == pytest.approx(ENERGY_KWH / 2.0, abs=1e-3)
+
+
 def test_persistence_of_prices_plans_with_yesterday():
     price = np.r_[np.tile([0.0, 100.0], 12), np.tile([100.0, 0.0], 12)]
     arbitrage = Arbitrage(

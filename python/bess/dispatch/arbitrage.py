@@ -166,7 +166,8 @@ class Arbitrage:
         remaining_kwh : float
             Maximum stored energy that the plan may discharge.
         available_kw, available_kwh : float
-            Power of the inverters and energy capacity of the strings in service, constant over the plan.
+            Power of the inverters and energy capacity of the strings in service, constant over the plan; also
+            the energy of a cycle is at most this capacity.
 
         Returns
         -------
@@ -294,21 +295,22 @@ class Arbitrage:
         hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
         days = self.days[step + blocks.first]
         per_unit, price = hours * self.weight(price), price[blocks.first]
+        capacity_kwh = min(self.energy_kwh, available_kwh)
         program = StoreProgram(
             hours,
             float(np.sqrt(self.efficiency)),
             energy_kwh / self.power_kw,
             cost=(per_unit * price, per_unit * (budget_price_eur_mwh - price)),
             max_power=(np.minimum(self._max_power[0], free), np.minimum(self._max_power[1], free)),
-            capacity=min(self.energy_kwh, available_kwh) / self.power_kw,
+            capacity=capacity_kwh / self.power_kw,
         )
         if self.cycles_per_plan is None:
             numbers, row = np.unique(days, return_inverse=True)
-            max_kwh = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
+            max_kwh = np.full(numbers.size, self.cycles_per_day * capacity_kwh)
             max_kwh[0] = max(0.0, max_kwh[0] - discharged_today_kwh)
             charged, discharged = 0.0 * hours, hours / np.sqrt(self.efficiency)
         else:
-            row, max_kwh = np.zeros(days.size, np.int64), np.array([self.cycles_per_plan * self.energy_kwh])
+            row, max_kwh = np.zeros(days.size, np.int64), np.array([self.cycles_per_plan * capacity_kwh])
             charged, discharged = 0.5 * hours, 0.5 * hours
         program.at_most(
             np.minimum(max_kwh, remaining_kwh) / self.power_kw,
