@@ -205,10 +205,11 @@ def test_the_energy_of_a_string_out_of_service_sustains_no_reserve() -> None:
     assert np.all(able_kw[1:] <= stored_kwh[:-1] / 0.25)  # SOC is that of the end of a step
 
 
-def test_nothing_is_recharged_because_no_string_is_in_service() -> None:
-    """The energy of the strings counts again when they return."""
+@pytest.mark.parametrize("soc", [0.02, 0.5])
+def test_nothing_is_recharged_because_no_string_is_in_service(soc: float) -> None:
+    """The energy of the strings counts again when they return; until then, empty ones take no power."""
     all_out = [OUT[0] | {"string": string} for string in (0, 1)]
-    record = outcome("fcr", event=all_out, policy__name="soc", run__days=2.0).dataset
+    record = outcome("fcr", event=all_out, system__initial_soc=soc, policy__name="soc", run__days=2.0).dataset
     assert not record["schedule_kw"].values.any()
 
 

@@ -115,19 +115,23 @@ class RechargeScheduler(Checkpointed):
     one_way_efficiency: float
     scheduled_kw: Array = field(default_factory=lambda: np.zeros(0))
 
-    def advance(self, step: int, stored_kwh: float, band: EnergyWindow) -> float:
+    def advance(
+        self, step: int, stored_kwh: float, band: EnergyWindow, available_kw: float = np.inf
+    ) -> float:
         """Schedule the next slot if one is due, and return the shift of ``step`` [kW, positive = discharge].
 
-        Called once for each step, in order.
+        Called once for each step, in order. ``available_kw`` is the power of the inverters in service.
         """
         if step == 0:
             self.scheduled_kw = np.zeros(self.lead_steps)
         if step % self.slot_steps == 0:
-            self.scheduled_kw = np.concatenate([self.scheduled_kw, self._slot(stored_kwh, band)])
+            self.scheduled_kw = np.concatenate(
+                [self.scheduled_kw, self._slot(stored_kwh, band, available_kw)]
+            )
         shift, self.scheduled_kw = float(self.scheduled_kw[0]), self.scheduled_kw[1:]
         return shift
 
-    def _slot(self, stored_kwh: float, band: EnergyWindow) -> Array:
+    def _slot(self, stored_kwh: float, band: EnergyWindow, available_kw: float) -> Array:
         coming = self.scheduled_kw * self.dt_h
         one_way = self.one_way_efficiency
         drawn = np.where(coming > 0.0, coming / one_way, coming * one_way).sum()
@@ -135,4 +139,5 @@ class RechargeScheduler(Checkpointed):
         slot_h = self.slot_steps * self.dt_h
         surplus, lacking = max(0.0, expected - band.high_kwh), max(0.0, band.low_kwh - expected)
         shift = (surplus * one_way - lacking / one_way) / slot_h
-        return np.full(self.slot_steps, np.clip(shift, -self.power_kw, self.power_kw))
+        max_kw = min(self.power_kw, available_kw)
+        return np.full(self.slot_steps, np.clip(shift, -max_kw, max_kw))

@@ -330,7 +330,7 @@ class ReserveSource(DemandSource):
             for each in (capacity_kw, self.max_capacity_kw)
         )
         band = largest.narrowed(self.choice.band)
-        shift_kw = self.recharge.advance(step, stored_kwh, band)
+        shift_kw = self.recharge.advance(step, stored_kwh, band, float(limit_kw.sum()))
         traded_kw = self._traded(step, limit_kw, stored_kwh, band)
         response_kw = self.response_kw.ahead(step, horizon)
         schedule_kw = padded(self.recharge.scheduled_kw[: horizon - 1], horizon - 1)
