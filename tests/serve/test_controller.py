@@ -140,15 +140,13 @@ def test_least_times_hold_over_a_restart() -> None:
     whole, first = (controller(3, policy="equal", **settings) for _ in range(2))  # type: ignore[arg-type]
     demands = [240.0, 240.0, *[40.0] * 6]
     for k, demand_kw in enumerate(demands):
-        before = [
-            live.step(measured([0.5] * 3, at_s=10.0 * k), demand_kw, 10.0 * k) for live in (whole, first)
-        ]
+        before = [live.step(measured([0.5] * 3), demand_kw, 10.0 * k) for live in (whole, first)]
         assert (before[0].running == before[1].running).all()
     second = controller(3, policy="equal", **settings)  # type: ignore[arg-type]
     second.load_state_dict(from_json(to_json(first.state_dict())))
     second.plan.load_state_dict(first.plan.state_dict())
     for k in range(len(demands), len(demands) + 20):
-        now = [live.step(measured([0.5] * 3, at_s=10.0 * k), 40.0, 10.0 * k) for live in (whole, second)]
+        now = [live.step(measured([0.5] * 3), 40.0, 10.0 * k) for live in (whole, second)]
         assert (now[0].running == now[1].running).all(), k
 
 
@@ -180,10 +178,10 @@ def test_a_restart_makes_no_plan_anew_however_short_it_is_and_whatever_was_asked
         for _ in range(2)
     )
     ahead_kw = [demand_kw] * PLAN_STEPS
-    first.step(measured([0.5, 0.5], at_s=0.0), demand_kw, 0.0, forecast_kw=ahead_kw)
+    first.step(measured([0.5, 0.5]), demand_kw, 0.0, forecast_kw=ahead_kw)
     second.load_state_dict(from_json(to_json(first.state_dict())))
     second.plan.load_state_dict(first.plan.state_dict())
-    answer = second.step(measured([0.5, 0.5], at_s=60.0), demand_kw, 60.0, forecast_kw=ahead_kw)
+    answer = second.step(measured([0.5, 0.5]), demand_kw, 60.0, forecast_kw=ahead_kw)
     assert policy.plans == 1 and answer.request_kw.sum() == min(demand_kw, 184.0)
 
 
@@ -250,7 +248,7 @@ def test_a_controller_continues_as_if_it_had_never_ended() -> None:
     socs = 0.5 + 0.02 * rng.standard_normal((200, 2))
 
     def run(live, steps):  # type: ignore[no-untyped-def]
-        return [live.step(measured(socs[k], at_s=60.0 * k), demands[k], 60.0 * k).request_kw for k in steps]
+        return [live.step(measured(socs[k]), demands[k], 60.0 * k).request_kw for k in steps]
 
     whole = run(controller(2, control_step_s=60.0), range(200))
     first = controller(2, control_step_s=60.0)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from bess.edge.plant_io.link import Measurements, StringReadings, measurements
-from bess.edge.serve.measurement_validator import MAX_READING_C, MIN_READING_C
+from bess.edge.serve.string_monitor import MAX_READING_C, MIN_READING_C
 from bess.errors import InputError
 from bess.system import System
 from bess.system.documents import describe
