@@ -120,6 +120,32 @@ def test_ramps_limit_the_change_of_every_set_point() -> None:
     assert last.sum() == pytest.approx(-120.0)
 
 
+def test_a_set_point_that_a_ramp_determines_says_so() -> None:
+    live = controller(2, control_step_s=1.0, ramp_kw_per_s=5.0)
+    for k, demand_kw in enumerate([60.0, 60.0, -60.0]):
+        answer = live.step(measured([0.6, 0.0]), demand_kw, float(k))
+        assert answer.reasons[0] == "string 0 runs: its ramp limit permits no faster change"
+    assert answer.reasons[1] == "string 1 rests: other strings must first ramp down from the other direction"
+
+
+@pytest.mark.parametrize(
+    ("demand_kw", "limit_kw", "string", "reason"),
+    [
+        (5.0, 92.0, 0, "idles: the demand of 5 kW is below its minimum power of 20 kW"),
+        (-5.0, 92.0, 1, "rests: the demand of 5 kW is below its minimum power of 80 kW"),
+        (110.0, 92.0, 1, "runs: at its minimum power of 80 kW"),
+        (60.0, 70.0, 1, "rests: at most 70 kW are possible, less than its minimum power of 80 kW"),
+    ],
+)
+def test_a_set_point_that_a_minimum_power_determines_says_so(
+    demand_kw: float, limit_kw: float, string: int, reason: str
+) -> None:
+    live = controller(2, control_step_s=10.0, minimum_power_kw=(20.0, 80.0))
+    limits = np.array([92.0, limit_kw])
+    reading = measured([0.5, 0.5], charge_limit_kw=limits, discharge_limit_kw=limits)
+    assert live.step(reading, demand_kw, 0.0).reasons[string] == f"string {string} {reason}"
+
+
 def test_least_times_hold_while_the_demand_jumps_about() -> None:
     live = controller(3, control_step_s=10.0, minimum_on_s=60.0, minimum_off_s=60.0, start_kwh=0.0)
     rng = np.random.default_rng(3)
