@@ -6,6 +6,7 @@ written only if it is the demand.
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -28,6 +29,7 @@ from bess.study.demands.source import StepInputs
 STEP_S: Final = 10.0
 """Control step of a plant that the service controls, unless the settings state another."""
 NO_DEMAND: Final = "there is no demand: post one to /v1/demand"
+_QUANTITY: Final = re.compile(r"-?[\d.]+ (s|kW|%|°C|readings)(?!\w)")
 
 
 @dataclass(frozen=True)
@@ -254,7 +256,8 @@ class ControlLoop:
         self._service.controller.drives = False
 
     def _report(self, sentence: str) -> None:
-        if sentence and sentence != self.trouble:
+        """Log a new trouble once, although its countdown and its readings change."""
+        if sentence and _QUANTITY.sub("", sentence) != _QUANTITY.sub("", self.trouble):
             LOG.warning(sentence)
         self.trouble = sentence
 

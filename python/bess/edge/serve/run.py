@@ -84,8 +84,6 @@ def serve(
             demands = Demands(study, system.control.step_s)
             journal = Journal(folder, system, study.title or study.name, study.service.journal_mb)
         service = Service(study, folder)
-        for note in service.notes:
-            LOG.info(note)
         loop = None
         if plant is not None:
             loop = ControlLoop(service, link, demands, journal, address=address, shadow=shadow)
