@@ -130,9 +130,9 @@ def _why_power(i: int, shared: Sharing, hot: str) -> str:
         return "its ramp limit permits no faster change"
     if not is_full and abs(power_kw) <= least_kw + POWER_TOLERANCE_KW:
         return f"at its minimum power of {rounded(least_kw, 4)} kW"
-    return hot or (
-        f"at its limit of {rounded(most_kw, 4)} kW" if is_full else "it has its share of the demand"
-    )
+    if hot:
+        return hot
+    return f"at its limit of {rounded(most_kw, 4)} kW" if is_full else "it has its share of the demand"
 
 
 def _why_no_power(i: int, shared: Sharing, valid: ValidState, other: str) -> str:
