@@ -77,14 +77,15 @@ class MeasurementValidator(Checkpointed):
         energy_kwh = self._system.nominal_energy_kwh * soh_capacity
         reasons, rows = [], []
         for i, watch in enumerate(self._watch):
-            reason, out = watch.judge(measured, float(asked_kw[i]), elapsed_s, float(energy_kwh[i]), drives)
+            reason, most_kw = watch.judge(
+                measured, float(asked_kw[i]), elapsed_s, float(energy_kwh[i]), drives
+            )
             reasons.append(reason)
-            limit_kw = 0.0 if out else np.inf if watch.cap_kw is None else watch.cap_kw
             reading_c = self._system.ambient_c if watch.temperature_c is None else watch.temperature_c
-            flow = watch.flow_kw_of(measured, elapsed_s, out=out)
-            rows.append((*watch.possible_soc(), reading_c, limit_kw, flow, not out))
-        soc, low, high, temperature_c, cap_kw, flow_kw, fit = np.array(rows, dtype=np.float64).T
-        in_service = fit > 0.0
+            flow = watch.flow_kw_of(measured, elapsed_s, out=most_kw == 0.0)
+            rows.append((*watch.possible_soc(), reading_c, most_kw, flow))
+        soc, low, high, temperature_c, cap_kw, flow_kw = np.array(rows, dtype=np.float64).T
+        in_service = cap_kw > 0.0
         return ValidState(
             State(soc, temperature_c, soh_capacity, self._ageing.soh_resistance),
             low,

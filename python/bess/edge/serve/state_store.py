@@ -149,19 +149,16 @@ class StateStore:
     def _newest(self) -> dict[str, Any] | None:
         """The newer intact file of both; None without files, ValueError if none is intact."""
         found, problem = [], None
-        for name in MEMORY:
-            try:
-                found.append(self._read(self.folder / name))
-            except FileNotFoundError:
-                continue
-            except (ValueError, KeyError) as error:
-                problem = error
-        if not found:
-            if problem is not None:
-                raise problem
-            return None
-        newest = max(found, key=lambda document: int(document["number"]))
-        self._number = int(newest["number"])
+        for path in (self.folder / name for name in MEMORY):
+            if path.exists():
+                try:
+                    found.append(self._read(path))
+                except (ValueError, KeyError) as error:
+                    problem = error
+        if problem is not None and not found:
+            raise problem
+        newest = max(found, key=lambda document: int(document["number"]), default=None)
+        self._number = 0 if newest is None else int(newest["number"])
         return newest
 
     def _read(self, path: Path) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -36,7 +37,7 @@ RECENT_SETPOINTS: Final = 6
 
 
 class StringMonitor(Checkpointed):
-    """Monitors one string; each check returns a reason, and whether the string is out of service."""
+    """Monitors one string; each check returns a reason, and the limit of its power."""
 
     _carried = (
         "soc", "temperature_c", "other_soc", "agreeing", "unchanged", "moved", "resolution", "last_reading",
@@ -57,7 +58,7 @@ class StringMonitor(Checkpointed):
         self.resolution = MAX_SOC_RESOLUTION
         self.last_reading: float | None = None
         self.last_power_kw: float | None = None
-        self.flow_kw = self.flow_s = self.missing_s = self.out_until_s = 0.0
+        self.flow_kw = self.flow_s = self.missing_s = self.out_until_s = self.cap_kw = 0.0
         self.was_out = False
         self.on_target = self.tries = 0
         self.asked_kw: list[float] = []
@@ -67,7 +68,6 @@ class StringMonitor(Checkpointed):
         """Put the string back into service, as at the start."""
         self.out_reason = self.stands = ""
         self.out_s = self.rest_s = 0.0
-        self.cap_kw: float | None = None
         self.off_target = 0
         self.other = False
 
@@ -92,8 +92,8 @@ class StringMonitor(Checkpointed):
 
     def judge(
         self, measured: Measurements, asked_kw: float, elapsed_s: float, energy_kwh: float, drives: bool
-    ) -> tuple[str, bool]:
-        """Check the readings of the string."""
+    ) -> tuple[str, float]:
+        """Check the readings of the string; return a reason, or none, and its limit [kW], 0 if it is out."""
         i = self._i
         power, soc, temperature = (
             float(values[i]) for values in (measured.power_kw, measured.soc, measured.temperature_c)
@@ -106,7 +106,7 @@ class StringMonitor(Checkpointed):
             if 0.0 <= soc <= 1.0:
                 self._accept_soc(soc)
             remark = measured.remarks[i] if measured.remarks else ""
-            return remark or "out of service, says the plant", True
+            return remark or "out of service, says the plant", 0.0
         if unusable := self._unusable(soc, temperature, expected, elapsed_s):
             return unusable
         soc = min(max(soc, 0.0), 1.0)
@@ -132,7 +132,7 @@ class StringMonitor(Checkpointed):
         if drives and (sentence := self._other_writer(power, held_kw, asked_kw)):
             self.other = True
             self._take_out(sentence, self._next_try_s())
-            return sentence, True
+            return sentence, 0.0
         if np.isfinite(power) and (sentence := self._does_not_follow(power, asked_kw)):
             if same_power and power != 0.0 and self.unchanged >= NOT_FOLLOWING:
                 # It may follow; its reported values are frozen.
@@ -141,23 +141,24 @@ class StringMonitor(Checkpointed):
                 return self._take_out(sentence, self._service.retry_after_s)
             same_way = power * asked_kw > 0.0 and abs(power) < abs(asked_kw)
             return self._take_out(sentence, self._next_try_s(), abs(power) if same_way else 0.0)
-        return doubt, False
+        return doubt, math.inf
 
     def _unusable(
         self, soc: float, temperature_c: float, expected: float, elapsed_s: float
-    ) -> tuple[str, bool] | None:
+    ) -> tuple[str, float] | None:
         """Judge readings that are missing or implausible; None if both can be used."""
         if not np.isfinite(soc):
             self.missing_s += elapsed_s
             if self.soc is None or self.missing_s > self._service.late_after_s:
-                return "its state of charge is missing", True
+                return "its state of charge is missing", 0.0
             self.soc = min(max(self.soc + expected, 0.0), 1.0)
-            return f"its state of charge is missing for {self.missing_s:.0f} s and estimated", False
+            limit_kw = self.cap_kw if self.out_reason else math.inf
+            return f"its state of charge is missing for {self.missing_s:.0f} s and estimated", limit_kw
         self.missing_s = 0.0
         if not -0.005 <= soc <= 1.005:
-            return f"its state of charge of {100.0 * soc:.4g} % is implausible", True
+            return f"its state of charge of {100.0 * soc:.4g} % is implausible", 0.0
         if np.isfinite(temperature_c) and not MIN_READING_C <= temperature_c <= MAX_READING_C:
-            return f"its temperature of {temperature_c:.4g} °C is implausible", True
+            return f"its temperature of {temperature_c:.4g} °C is implausible", 0.0
         return None
 
     def _take_soc(self, soc: float, expected: float, elapsed_s: float, energy_kwh: float) -> str:
@@ -229,7 +230,7 @@ class StringMonitor(Checkpointed):
             return ""
         return f"{who}, or it hangs; {_off(asked_kw, power_kw)}"
 
-    def _left_alone(self, power_kw: float, held_kw: float, elapsed_s: float) -> tuple[str, bool]:
+    def _left_alone(self, power_kw: float, held_kw: float, elapsed_s: float) -> tuple[str, float]:
         """Wait until the string has been at rest for a while: one of two controllers gives way.
 
         A plant that does not report set-points may keep the last one of a controller that has stopped. The
@@ -242,9 +243,9 @@ class StringMonitor(Checkpointed):
         patience_s = self._service.retry_after_s * 2.0 ** min(self.tries, 30)
         may_be_left = not np.isfinite(held_kw) and self.out_s >= patience_s
         if self.rest_s < self.out_until_s and not may_be_left:
-            return self.out_reason, True
+            return self.out_reason, 0.0
         self._forgive()
-        return "", False
+        return "", math.inf
 
     def _next_try_s(self) -> float:
         """Return the delay until the next try, which doubles with each try."""
@@ -252,23 +253,23 @@ class StringMonitor(Checkpointed):
         self.tries += 1
         return min(soon_s, self._service.retry_after_s)
 
-    def _take_out(self, sentence: str, until_s: float, cap_kw: float = 0.0) -> tuple[str, bool]:
+    def _take_out(self, sentence: str, until_s: float, cap_kw: float = 0.0) -> tuple[str, float]:
         self.out_reason, self.out_s, self.out_until_s = sentence, 0.0, until_s
         self.cap_kw, self.off_target = cap_kw, 0
         return self._finding()
 
-    def _still_out(self, moves: bool, soc: float, elapsed_s: float) -> tuple[str, bool]:
+    def _still_out(self, moves: bool, soc: float, elapsed_s: float) -> tuple[str, float]:
         """Exclude the string until the next try; a frozen value that changes again is accepted at once."""
         self.out_s += elapsed_s
         if (self.stands and moves) or self.out_s >= self.out_until_s:
             self._forgive()
             self.unchanged, self.moved, self.last_reading = 0, 0.0, soc
-            return "", False
+            return "", math.inf
         return self._finding()
 
-    def _finding(self) -> tuple[str, bool]:
+    def _finding(self) -> tuple[str, float]:
         left_s = max(0.0, self.out_until_s - self.out_s)
-        return f"{self.out_reason}; tried again in {left_s:.0f} s", self.cap_kw == 0.0
+        return f"{self.out_reason}; tried again in {left_s:.0f} s", self.cap_kw
 
 
 def _off(asked_kw: float, power_kw: float) -> str:
