@@ -75,7 +75,7 @@ def unmet(demand_kw: float, request_kw: Array) -> float:
 def status(unmet_kw: float, demand_kw: float, has_plan: bool, plan_error: str) -> str:
     """Return the status sentence of an answer."""
     if unmet_kw > 0.0:
-        missing, demand = (f"{kw:.4g}" if abs(kw) < 1e4 else f"{kw:.0f}" for kw in (unmet_kw, demand_kw))
+        missing, demand = rounded(unmet_kw, 5), rounded(demand_kw, 5)
         return f"{missing} kW of {demand} kW cannot be met; see the reasons of the strings."
     if not has_plan:
         why = f" ({plan_error})" if plan_error else ""
