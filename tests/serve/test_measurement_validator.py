@@ -78,6 +78,14 @@ def test_a_power_beyond_its_inverter_takes_the_string_out_and_moves_no_state_of_
     assert live.valid is not None and live.valid.soc_low[0] == live.valid.soc_high[0] == 0.5
 
 
+def test_a_string_that_is_out_of_service_stays_so_while_its_state_of_charge_is_missing() -> None:
+    live = controller(2, control_step_s=10.0)
+    for k, soc in enumerate((0.5, 0.5, np.nan)):
+        power_kw = [39_000.0 if k else 0.0, 0.0]
+        answer = live.step(measured([soc, 0.5], power_kw=power_kw), 60.0, 10.0 * k)
+    assert answer.in_service.tolist() == [False, True]
+
+
 def test_powers_of_many_megawatts_are_named_as_plain_numbers() -> None:
     document = tomllib.loads(bess.System.reference(2).to_toml())
     document["inverter"]["nominal_kw"] = 20_000.0
