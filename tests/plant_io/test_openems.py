@@ -100,6 +100,7 @@ def test_a_component_that_there_is_not_is_a_string_that_is_out_of_service(
 ) -> None:
     said = connecting(f"{edge.address}?ess=ess0,ess7", 2).read()
     assert said.available.tolist() == [True, False]
+    assert said.remarks == ("", "the edge reports no value of ess7/Soc, ess7/ActivePower")
     with pytest.raises(LinkError, match="has none of ess7, ess8"):
         connecting(f"{edge.address}?ess=ess7,ess8", 2).read()
 

@@ -228,6 +228,34 @@ def test_the_one_temperature_that_a_device_knows_is_used(
     assert link.read().temperature_c == pytest.approx([52.3] * 3)
 
 
+@pytest.mark.parametrize(
+    ("lacking", "remark"),
+    [
+        ({701: {"W": None}}, "the device reports no power"),
+        ({713: {"SoC": None}, 802: {"SoC": None}}, "the device reports no state of charge"),
+        (
+            {701: {"W": None}, 713: {"SoC": None}, 802: {"SoC": None}},
+            "the device reports no state of charge and no power",
+        ),
+    ],
+)
+def test_a_reading_that_a_device_does_not_give_is_named(
+    connecting: Connecting, altering: Callable[..., SimulatedDevices], lacking: Models, remark: str
+) -> None:
+    link = connecting(
+        altering(lambda models: models | {m: models[m] | gone for m, gone in lacking.items()}).address
+    )
+    assert link.read().remarks == (remark,) * 3
+
+
+def test_a_set_point_in_per_cent_is_read_back_in_kilowatts(
+    connecting: Connecting, altering: Callable[..., SimulatedDevices]
+) -> None:
+    foreign = {"WSetEna": 1, "WSetMod": 0, "WSetPct": -505, "WSetPct_SF": -1}
+    link = connecting(altering(lambda models: models | {704: models[704] | foreign}).address)
+    assert link.read().setpoint_kw == pytest.approx([-0.505 * 92.0] * 3)
+
+
 def test_a_device_that_is_silent_from_the_start_is_named_with_the_exception_of_its_gateway(
     connecting: Connecting, devices: SimulatedDevices, watched: Watched
 ) -> None:

@@ -31,9 +31,7 @@ def controller(
     return Controller(plant, chosen, ServiceSection(**service), PLAN_STEPS, background=False)
 
 
-def measured(
-    soc: ArrayLike, temperature_c: ArrayLike = 25.0, at_s: float | None = None, **others: Any
-) -> Measurements:
+def measured(soc: ArrayLike, temperature_c: ArrayLike = 25.0, **others: Any) -> Measurements:
     """Measurements of strings in service without limits of their own, each newer than the one before."""
     states = np.array(soc, dtype=np.float64)
     n = states.size
@@ -43,7 +41,7 @@ def measured(
         "discharge_limit_kw": np.full(n, np.inf),
         "available": np.ones(n, dtype=bool),
     } | {name: np.array(value) for name, value in others.items()}
-    time = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=next(_AGES) if at_s is None else at_s)
+    time = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=next(_AGES))
     return Measurements(
         time=time, soc=states, temperature_c=np.broadcast_to(np.array(temperature_c, float), n), **values
     )

@@ -123,7 +123,11 @@ BAD = {
         b'{"demand_kw": 5, "strings": [{"soc": 0.5, "soc": 0.9}, {"soc": 0.5}]}',
         "the key 'soc' occurs twice in one object; give it once",
     ),
-    "unknown": (b'{"demand_kw": 5, "strings": [{"SoC": 0.5}, {"soc": 0.5}]}', "strings[0].SoC: unknown key"),
+    "unknown": (
+        b'{"demand_kw": 5, "strings": [{"SoC": 0.5}, {"soc": 0.5}]}',
+        "strings[0].SoC: unknown key; allowed: available, limit_kw, power_kw, soc, temperature_c",
+    ),
+    "mistyped": (b'{"demand_w": 5, "strings": []}', "demand_w: unknown key; did you mean 'demand_kw'?"),
 }
 
 
@@ -234,7 +238,7 @@ def test_calibration_over_http(client: TestClient) -> None:
     assert client.delete("/v1/calibration").json() == {"calibrating": None}
 
 
-def test_a_restart_continues_and_damage_is_told(tmp_path: Path) -> None:
+def test_a_restart_continues_and_damage_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     folder = tmp_path / "state"
     first = Service(study(), folder)
     client = client_of(first)
@@ -259,8 +263,10 @@ def test_a_restart_continues_and_damage_is_told(tmp_path: Path) -> None:
 
     for name in MEMORY:
         (folder / name).write_bytes(content[:-20] + b"x" * 20)
-    third = Service(study(), folder)
+    with caplog.at_level(logging.WARNING, logger="bess.serve"):
+        third = Service(study(), folder)
     third.close()
+    assert any("is damaged" in record.getMessage() for record in caplog.records)
     assert third.controller.answers == 0
     assert any("is damaged" in note and "set aside" in note for note in third.notes)
     assert (folder / f"{MEMORY[0]}.damaged").exists()

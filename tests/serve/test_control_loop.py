@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -144,6 +145,20 @@ def test_with_no_string_left_the_plant_is_let_go(driven: Driven) -> None:
     driven.link.soc = np.array([0.6, 0.5])
     driven.steps(2)
     assert driven.link.power_kw.sum() == pytest.approx(80.0)
+
+
+def test_a_countdown_is_one_warning(driven: Driven, caplog: pytest.LogCaptureFixture) -> None:
+    driven.demands.post(80.0, 1000.0, driven.now_s)
+    driven.steps(1)
+    read = driven.link.read
+    power_kw = np.array([39_000.0, 39_000.0])
+    driven.link.read = lambda: replace(read(), power_kw=power_kw)  # type: ignore[method-assign]
+    driven.steps(2)
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "tried again in 10 s" in driven.cycle.trouble
+    driven.link.available[:] = False
+    driven.steps(1)
+    assert len(caplog.records) == 2
 
 
 def test_set_points_are_written_again_before_they_lapse(driven: Driven) -> None:

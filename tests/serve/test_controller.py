@@ -120,6 +120,32 @@ def test_ramps_limit_the_change_of_every_set_point() -> None:
     assert last.sum() == pytest.approx(-120.0)
 
 
+def test_a_set_point_that_a_ramp_determines_says_so() -> None:
+    live = controller(2, control_step_s=1.0, ramp_kw_per_s=5.0)
+    for k, demand_kw in enumerate([60.0, 60.0, -60.0]):
+        answer = live.step(measured([0.6, 0.0]), demand_kw, float(k))
+        assert answer.reasons[0] == "string 0 runs: its ramp limit permits no faster change"
+    assert answer.reasons[1] == "string 1 rests: other strings must first ramp down from the other direction"
+
+
+@pytest.mark.parametrize(
+    ("demand_kw", "limit_kw", "string", "reason"),
+    [
+        (5.0, 92.0, 0, "idles: the demand of 5 kW is below its minimum power of 20 kW"),
+        (-5.0, 92.0, 1, "rests: the demand of 5 kW is below its minimum power of 80 kW"),
+        (110.0, 92.0, 1, "runs: at its minimum power of 80 kW"),
+        (60.0, 70.0, 1, "rests: at most 70 kW are possible, less than its minimum power of 80 kW"),
+    ],
+)
+def test_a_set_point_that_a_minimum_power_determines_says_so(
+    demand_kw: float, limit_kw: float, string: int, reason: str
+) -> None:
+    live = controller(2, control_step_s=10.0, minimum_power_kw=(20.0, 80.0))
+    limits = np.array([92.0, limit_kw])
+    reading = measured([0.5, 0.5], charge_limit_kw=limits, discharge_limit_kw=limits)
+    assert live.step(reading, demand_kw, 0.0).reasons[string] == f"string {string} {reason}"
+
+
 def test_least_times_hold_while_the_demand_jumps_about() -> None:
     live = controller(3, control_step_s=10.0, minimum_on_s=60.0, minimum_off_s=60.0, start_kwh=0.0)
     rng = np.random.default_rng(3)
@@ -140,15 +166,13 @@ def test_least_times_hold_over_a_restart() -> None:
     whole, first = (controller(3, policy="equal", **settings) for _ in range(2))  # type: ignore[arg-type]
     demands = [240.0, 240.0, *[40.0] * 6]
     for k, demand_kw in enumerate(demands):
-        before = [
-            live.step(measured([0.5] * 3, at_s=10.0 * k), demand_kw, 10.0 * k) for live in (whole, first)
-        ]
+        before = [live.step(measured([0.5] * 3), demand_kw, 10.0 * k) for live in (whole, first)]
         assert (before[0].running == before[1].running).all()
     second = controller(3, policy="equal", **settings)  # type: ignore[arg-type]
     second.load_state_dict(from_json(to_json(first.state_dict())))
     second.plan.load_state_dict(first.plan.state_dict())
     for k in range(len(demands), len(demands) + 20):
-        now = [live.step(measured([0.5] * 3, at_s=10.0 * k), 40.0, 10.0 * k) for live in (whole, second)]
+        now = [live.step(measured([0.5] * 3), 40.0, 10.0 * k) for live in (whole, second)]
         assert (now[0].running == now[1].running).all(), k
 
 
@@ -180,10 +204,10 @@ def test_a_restart_makes_no_plan_anew_however_short_it_is_and_whatever_was_asked
         for _ in range(2)
     )
     ahead_kw = [demand_kw] * PLAN_STEPS
-    first.step(measured([0.5, 0.5], at_s=0.0), demand_kw, 0.0, forecast_kw=ahead_kw)
+    first.step(measured([0.5, 0.5]), demand_kw, 0.0, forecast_kw=ahead_kw)
     second.load_state_dict(from_json(to_json(first.state_dict())))
     second.plan.load_state_dict(first.plan.state_dict())
-    answer = second.step(measured([0.5, 0.5], at_s=60.0), demand_kw, 60.0, forecast_kw=ahead_kw)
+    answer = second.step(measured([0.5, 0.5]), demand_kw, 60.0, forecast_kw=ahead_kw)
     assert policy.plans == 1 and answer.request_kw.sum() == min(demand_kw, 184.0)
 
 
@@ -250,7 +274,7 @@ def test_a_controller_continues_as_if_it_had_never_ended() -> None:
     socs = 0.5 + 0.02 * rng.standard_normal((200, 2))
 
     def run(live, steps):  # type: ignore[no-untyped-def]
-        return [live.step(measured(socs[k], at_s=60.0 * k), demands[k], 60.0 * k).request_kw for k in steps]
+        return [live.step(measured(socs[k]), demands[k], 60.0 * k).request_kw for k in steps]
 
     whole = run(controller(2, control_step_s=60.0), range(200))
     first = controller(2, control_step_s=60.0)

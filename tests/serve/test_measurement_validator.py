@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from live_cases import controller, measured
 
 import bess
-from bess.checkpoints import from_json, to_json
+from bess.checkpoints import to_json
 
 
 def reasons_of(answer, string):  # type: ignore[no-untyped-def]
@@ -78,6 +78,14 @@ def test_a_power_beyond_its_inverter_takes_the_string_out_and_moves_no_state_of_
     assert live.valid is not None and live.valid.soc_low[0] == live.valid.soc_high[0] == 0.5
 
 
+def test_a_string_that_is_out_of_service_stays_so_while_its_state_of_charge_is_missing() -> None:
+    live = controller(2, control_step_s=10.0)
+    for k, soc in enumerate((0.5, 0.5, np.nan)):
+        power_kw = [39_000.0 if k else 0.0, 0.0]
+        answer = live.step(measured([soc, 0.5], power_kw=power_kw), 60.0, 10.0 * k)
+    assert answer.in_service.tolist() == [False, True]
+
+
 def test_powers_of_many_megawatts_are_named_as_plain_numbers() -> None:
     document = tomllib.loads(bess.System.reference(2).to_toml())
     document["inverter"]["nominal_kw"] = 20_000.0
@@ -109,27 +117,6 @@ def test_a_missing_state_of_charge_is_estimated_for_a_while() -> None:
         answer = live.step(measured([np.nan]), 80.0, 10.0 * k)
         met.append(answer.unmet_kw == 0.0)
     assert met == [True] * 6 + [False] * 5
-
-
-def test_old_measurements_are_not_acted_upon() -> None:
-    live = controller(2, control_step_s=10.0, late_after_s=30.0)
-    for k in range(8):
-        answer = live.step(measured([0.5, 0.5], at_s=0.0), 80.0, 10.0 * k)
-    assert not answer.request_kw.any()
-    assert "measurements are 70 s old, 30 s are allowed" in answer.reasons[0]
-    answer = live.step(measured([0.5, 0.5], at_s=80.0), 80.0, 80.0)
-    assert answer.unmet_kw == 0.0
-
-
-def test_measurements_are_as_old_after_a_restart_as_before() -> None:
-    before, after = (controller(2, control_step_s=10.0, late_after_s=30.0) for _ in range(2))
-    for k in range(3):
-        before.step(measured([0.5, 0.5], at_s=0.0), 80.0, 10.0 * k)
-    after.load_state_dict(from_json(to_json(before.state_dict())))
-    # The restart took 15 s.
-    answer = after.step(measured([0.5, 0.5], at_s=0.0), 80.0, 35.0)
-    assert not answer.request_kw.any()
-    assert "measurements are 35 s old, 30 s are allowed" in answer.reasons[0]
 
 
 @pytest.mark.parametrize(("gives", "cap_kw"), [(0.0, 0.0), (0.5, 46.0), (-1.0, 0.0)])

@@ -293,7 +293,9 @@ def _readings(name: str, string: _Channels) -> StringReadings:
     soc, power_kw = number(string.get("Soc")) / 100.0, number(string.get("ActivePower")) / 1000.0
     charge_kw = _limit(string, "AllowedChargePower", -1.0) / 1000.0
     discharge_kw = _limit(string, "AllowedDischargePower", 1.0) / 1000.0
-    known = math.isfinite(soc + power_kw) and not math.isnan(charge_kw + discharge_kw)
+    known = {"Soc": soc, "ActivePower": power_kw}
+    known |= {"AllowedChargePower": charge_kw, "AllowedDischargePower": discharge_kw}
+    missing = [f"{name}/{channel}" for channel, reading in known.items() if math.isnan(reading)]
     return StringReadings(
         soc,
         mean_temperature_c(*(number(string.get(f"{end}CellTemperature")) for end in ("Min", "Max"))),
@@ -301,8 +303,8 @@ def _readings(name: str, string: _Channels) -> StringReadings:
         0.0 if math.isnan(charge_kw) else charge_kw,
         0.0 if math.isnan(discharge_kw) else discharge_kw,
         number(string.get(_SET)) / 1000.0,
-        known and string.get("State") != _FAULT and string.get("GridMode") not in _OFF_GRID,
-        "" if known else f"the edge reports no values of {name}, or not all",
+        not missing and string.get("State") != _FAULT and string.get("GridMode") not in _OFF_GRID,
+        f"the edge reports no value of {', '.join(missing)}" if missing else "",
     )
 
 

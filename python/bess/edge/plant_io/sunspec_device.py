@@ -127,7 +127,7 @@ _MAX_REGISTERS: Final = 120
 _MAX_MODELS: Final = 100
 _NO_VALUE: Final = 0xFFFF
 _MAX_STEPS: Final = 2**31 - 1
-_ON, _OFF, _WATTS = 1, 0, 1
+_ON, _OFF, _WATTS, _PER_CENT = 1, 0, 1, 0
 _OUT_OF_SERVICE: Final[Mapping[tuple[int, str], tuple[int, ...]]] = {
     (701, "St"): (0,),  # off
     (701, "InvSt"): (0, 5, 6),  # off, shutting down, fault
@@ -241,7 +241,7 @@ class Device:
         power_kw = value(models[701], "W") / 1000.0
         charge_kw, discharge_kw = (_limit_kw(models, names) for names in (_CHARGE_LIMITS, _DISCHARGE_LIMITS))
         if models[704].points["WSetEna"].value == _ON:
-            setpoint_kw = value(models[704], "WSet") / 1000.0
+            setpoint_kw = _setpoint_kw(models)
         if 803 in models:
             ends_c = (value(models[803], name) for name in ("ModTmpMin", "ModTmpMax"))
             temperature_c = mean_temperature_c(*ends_c)
@@ -252,8 +252,9 @@ class Device:
         if 802 in models:
             self._heartbeat.see(value(models[802], "Hb"))
         remark = self._heartbeat.doubt
-        if not (math.isfinite(soc) and math.isfinite(power_kw)):
-            remark = "the device reports no state of charge or no power"
+        required = {"no state of charge": soc, "no power": power_kw}
+        if missing := [name for name, reading in required.items() if math.isnan(reading)]:
+            remark = f"the device reports {' and '.join(missing)}"
         fit = in_service and not remark
         return StringReadings(soc, temperature_c, power_kw, charge_kw, discharge_kw, setpoint_kw, fit, remark)
 
@@ -349,6 +350,15 @@ class Device:
 
     async def _send(self, address: int, registers: Sequence[int]) -> None:
         await self.gateway.request("write_registers", self._unit, address, list(registers))
+
+
+def _setpoint_kw(models: Mapping[int, Any]) -> float:
+    """Return the set-point of a device, which other controllers may give in per cent of its ``WMax``."""
+    control = models[704]
+    if control.points["WSetMod"].value != _PER_CENT:
+        return value(control, "WSet") / 1000.0
+    most_kw = _limit_kw(models, ("WMaxRtg", "WMax"))
+    return value(control, "WSetPct") / 100.0 * most_kw if most_kw < math.inf else math.nan
 
 
 def _limit_kw(models: Mapping[int, Any], names: Sequence[str]) -> float:

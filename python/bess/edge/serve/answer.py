@@ -12,7 +12,7 @@ from bess.arrays import Array, Flags
 from bess.display import rounded
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.calibration import Calibration
-from bess.edge.serve.constraints import POWER_TOLERANCE_KW, PowerCapability
+from bess.edge.serve.constraints import POWER_TOLERANCE_KW, PowerCapability, SetPointRange
 from bess.edge.serve.measurement_validator import ValidState
 from bess.system import System
 
@@ -75,7 +75,7 @@ def unmet(demand_kw: float, request_kw: Array) -> float:
 def status(unmet_kw: float, demand_kw: float, has_plan: bool, plan_error: str) -> str:
     """Return the status sentence of an answer."""
     if unmet_kw > 0.0:
-        missing, demand = (f"{kw:.4g}" if abs(kw) < 1e4 else f"{kw:.0f}" for kw in (unmet_kw, demand_kw))
+        missing, demand = rounded(unmet_kw, 5), rounded(demand_kw, 5)
         return f"{missing} kW of {demand} kW cannot be met; see the reasons of the strings."
     if not has_plan:
         why = f" ({plan_error})" if plan_error else ""
@@ -83,18 +83,28 @@ def status(unmet_kw: float, demand_kw: float, has_plan: bool, plan_error: str) -
     return "Shared within the plan."
 
 
+@dataclass(frozen=True)
+class Sharing:
+    """A demand as it was shared among the strings; powers kW, positive = discharge."""
+
+    demand_kw: float
+    request_kw: Array
+    able: PowerCapability
+    limits: SetPointRange
+    """Range of the set-points, with the ramp limit."""
+    minimum_kw: Array
+    """Minimum magnitude of a set-point other than zero."""
+
+
 def reasons(
-    system: System,
-    valid: ValidState,
-    able: PowerCapability,
-    request_kw: Array,
-    running: Flags,
-    calibration: Calibration,
+    system: System, valid: ValidState, shared: Sharing, running: Flags, calibration: Calibration
 ) -> tuple[str, ...]:
     """Return a sentence per string; validation problems have precedence over other reasons."""
     sentences = []
     for i, doubt in enumerate(valid.reasons):
-        verb = "runs" if request_kw[i] != 0.0 else ("idles" if running[i] else "rests")
+        temperature_c = valid.state.temperature_c[i]
+        hot = f"hot, {temperature_c:.1f} °C" if temperature_c > system.strings[i].derating.start_c else ""
+        verb = "runs" if shared.request_kw[i] != 0.0 else ("idles" if running[i] else "rests")
         if doubt:
             why = doubt
             if valid.flowing_kw[i]:
@@ -103,26 +113,43 @@ def reasons(
                 why += f"; it still supplies {flowing} kW, which the other strings compensate"
         elif calibration.string == i:
             why = f"it is charged to {100.0 * calibration.target_soc:g} % for calibration"
+        elif verb == "runs":
+            why = _why_power(i, shared, hot)
         else:
-            why = _why(i, verb, system, valid, able, request_kw)
+            no_start = "a later start would cost more than its no-load loss" if verb == "idles" else ""
+            why = _why_no_power(i, shared, valid, no_start or hot)
         sentences.append(f"string {i} {verb}: {why}")
     return tuple(sentences)
 
 
-def _why(
-    i: int, verb: str, system: System, valid: ValidState, able: PowerCapability, request_kw: Array
-) -> str:
-    temperature_c, plant_kw = valid.state.temperature_c[i], request_kw.sum()
-    if verb == "idles":
-        return "a later start would cost more than its no-load loss"
-    if temperature_c > system.strings[i].derating.start_c:
-        return f"hot, {temperature_c:.1f} °C"
-    if verb == "runs":
-        most_kw = float(able.towards(request_kw[i] > 0.0)[i])
-        is_full = abs(request_kw[i]) >= most_kw - POWER_TOLERANCE_KW
-        return f"at its limit of {rounded(most_kw, 4)} kW" if is_full else "it has its share of the demand"
-    if able.discharge_kw[i] <= POWER_TOLERANCE_KW and plant_kw >= 0.0:
-        return f"at its lowest state of charge, {100.0 * valid.soc_low[i]:.1f} %"
-    if able.charge_kw[i] <= POWER_TOLERANCE_KW and plant_kw <= 0.0:
-        return f"at its highest state of charge, {100.0 * valid.soc_high[i]:.1f} %"
+def _why_power(i: int, shared: Sharing, hot: str) -> str:
+    power_kw, (low_kw, high_kw), least_kw = shared.request_kw[i], shared.limits, shared.minimum_kw[i]
+    most_kw = float(shared.able.towards(power_kw > 0.0)[i])
+    is_full = abs(power_kw) >= most_kw - POWER_TOLERANCE_KW
+    if not is_full and min(power_kw - low_kw[i], high_kw[i] - power_kw) <= POWER_TOLERANCE_KW:
+        return "its ramp limit permits no faster change"
+    if not is_full and abs(power_kw) <= least_kw + POWER_TOLERANCE_KW:
+        return f"at its minimum power of {rounded(least_kw, 4)} kW"
+    if hot:
+        return hot
+    return f"at its limit of {rounded(most_kw, 4)} kW" if is_full else "it has its share of the demand"
+
+
+def _why_no_power(i: int, shared: Sharing, valid: ValidState, other: str) -> str:
+    discharge = shared.demand_kw >= 0.0
+    demand_kw, least_kw = abs(shared.demand_kw), shared.minimum_kw[i]
+    next_kw = shared.limits[1] if discharge else -shared.limits[0]
+    if (next_kw < 0.0).any():
+        return "other strings must first ramp down from the other direction"
+    if POWER_TOLERANCE_KW < next_kw[i] < least_kw:
+        most = rounded(next_kw[i], 4)
+        return f"at most {most} kW are possible, less than its minimum power of {rounded(least_kw, 4)} kW"
+    if 0.0 < demand_kw < least_kw - POWER_TOLERANCE_KW:
+        demand = rounded(demand_kw, 4)
+        return f"the demand of {demand} kW is below its minimum power of {rounded(least_kw, 4)} kW"
+    if other:
+        return other
+    if shared.able.towards(discharge)[i] <= POWER_TOLERANCE_KW:
+        end, soc = ("lowest", valid.soc_low) if discharge else ("highest", valid.soc_high)
+        return f"at its {end} state of charge, {100.0 * soc[i]:.1f} %"
     return "it is not needed"

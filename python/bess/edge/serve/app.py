@@ -118,9 +118,6 @@ def build_app(
 
     @app.get("/metrics", summary="Metrics for Prometheus")
     async def metrics() -> Response:
-        if loop is not None:
-            service.metrics.cycle_age.set(loop.age_s)
-            service.metrics.cycle_period.set(loop.period_s)
         text = service.metrics.text(service.last, service.controller)
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 

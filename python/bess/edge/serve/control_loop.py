@@ -6,6 +6,7 @@ written only if it is the demand.
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -23,11 +24,12 @@ from bess.errors import InputError
 from bess.simulation.inputs import prepare
 from bess.study import Study
 from bess.study.demands import ProfileDemand
-from bess.study.demands.source import StepInputs
+from bess.study.demands.profile import ProfileSource
 
 STEP_S: Final = 10.0
 """Control step of a plant that the service controls, unless the settings state another."""
 NO_DEMAND: Final = "there is no demand: post one to /v1/demand"
+_QUANTITY: Final = re.compile(r"-?[\d.]+ (s|kW|%|°C|readings)(?!\w)")
 
 
 @dataclass(frozen=True)
@@ -58,12 +60,8 @@ class Demands:
                 f'"{study.demand.kind}"; give a demand of kind "profile", or leave the key out'
             )
         inputs = prepare(study.with_values({"demand.forecast": "perfect"}))
-        now = StepInputs(
-            inputs.system.initial_state(),
-            inputs.limit_kw[0],
-            inputs.system.surroundings_c(inputs.ambient_c),
-        )
-        self._profile = inputs.demand.ahead(0, inputs.grid.n_steps, now)
+        assert isinstance(inputs.demand, ProfileSource)
+        self._profile = inputs.demand.forecast.ahead(0, inputs.grid.n_steps)
         self._start_s, self._step_s = inputs.grid.start_s, inputs.grid.step_s
         self._repeats = study.demand.repeat
 
@@ -121,6 +119,8 @@ class ControlLoop:
         self.trouble = "the plant has not been read yet"
         self.journal_trouble = ""
         service.controller.drives = False
+        service.metrics.cycle_age.set_function(lambda: self.age_s)
+        service.metrics.cycle_period.set(self.period_s)
 
     @property
     def period_s(self) -> float:
@@ -254,7 +254,8 @@ class ControlLoop:
         self._service.controller.drives = False
 
     def _report(self, sentence: str) -> None:
-        if sentence and sentence != self.trouble:
+        """Log a new trouble once, although its countdown and its readings change."""
+        if sentence and _QUANTITY.sub("", sentence) != _QUANTITY.sub("", self.trouble):
             LOG.warning(sentence)
         self.trouble = sentence
 

@@ -25,7 +25,7 @@ from bess.control.policies import Policy
 from bess.control.policies.rule import water_fill
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.ageing import Ageing
-from bess.edge.serve.answer import Answer, reasons, status, unmet
+from bess.edge.serve.answer import Answer, Sharing, reasons, status, unmet
 from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.commitment import Commitment, CommitmentProblem, Curves
 from bess.edge.serve.constraints import PowerCapability, SocLimits, set_point_range, share
@@ -151,6 +151,7 @@ class Controller(Checkpointed):
         running = self.commitment.running & sharing
         request = request + share(rest_kw, wanted, running, limits, self.soc_limits.minimum_kw)
 
+        shared = Sharing(rest_kw, request, able, limits, self.soc_limits.minimum_kw)
         unmet_kw = unmet(asked_kw, request)
         self.last_kw, self.valid, self.able, self.ahead_kw = request, valid, able, forecast
         self.answers += 1
@@ -166,7 +167,7 @@ class Controller(Checkpointed):
             running=self.commitment.running.copy(),
             in_service=valid.in_service,
             flowing_kw=valid.flowing_kw,
-            reasons=reasons(self.system, valid, able, request, self.commitment.running, self.calibration),
+            reasons=reasons(self.system, valid, shared, self.commitment.running, self.calibration),
         )
 
     def fallback(self, measured: Measurements, demand_kw: float, why: str, n_steps: int = 1) -> Answer:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from bess.edge.plant_io.link import Measurements, StringReadings, measurements
-from bess.edge.serve.measurement_validator import MAX_READING_C, MIN_READING_C
+from bess.edge.serve.string_monitor import MAX_READING_C, MIN_READING_C
 from bess.errors import InputError
 from bess.system import System
 from bess.system.documents import describe
@@ -98,18 +98,27 @@ class CalibrationMessage(Message):
     )
 
 
-_EXAMPLES: Final = {
-    "/v1/split": '"demand_kw": 78.0, "strings": [{"soc": 0.5, "temperature_c": 25.0}, ...]',
-    "/v1/demand": '"demand_kw": 78.0, "valid_for_s": 900',
-    "/v1/calibration": '"string": 0',
+_BODIES: Final[Mapping[str, tuple[type[Message], str]]] = {
+    "/v1/split": (
+        SplitMessage,
+        '{"demand_kw": 78.0, "strings": [{"soc": 0.5, "temperature_c": 25.0}, ...]}',
+    ),
+    "/v1/demand": (DemandMessage, '{"demand_kw": 78.0, "valid_for_s": 900}'),
+    "/v1/calibration": (CalibrationMessage, '{"string": 0}'),
 }
+"""Message of each route, and an example."""
 
 
 def sentence(problems: Sequence[Any], path: str) -> str:
-    """The first problem of a body in one sentence: key, value, and allowed range."""
+    """The first problem of a body in one sentence: key, value, and allowed range.
+
+    An unknown key precedes all others, as it may be the key that is missing, misspelt.
+    """
     inside = [{**problem, "loc": problem["loc"][1:]} for problem in problems]  # the first part is "body"
     if not inside[0]["loc"]:
-        return "the body must be a JSON object, such as {" + _EXAMPLES[path] + "}"
+        return f"the body must be a JSON object, such as {_BODIES[path][1]}"
+    if unknown := [problem for problem in inside if problem["type"] == "extra_forbidden"]:
+        return describe(unknown[:1], "", model=_BODIES[path][0]).removeprefix(": ")
     return describe(inside, "").removeprefix(": ").split("; ")[0]
 
 

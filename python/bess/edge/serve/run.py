@@ -77,15 +77,13 @@ def serve(
     if plant is not None and study.service.control_step_s is None:
         study = study.with_values({"service.control_step_s": STEP_S})
     folder = state or Path("results") / f"{study.name}-service"
-    with _held(folder), _listening(host, port) as listener:
+    with _held(folder), _listener(host, port) as listener:
         if plant is not None:  # before the service, which sets a state of another system aside
             system = build_system(study.system, study.run, study.wear)
             link = connect(plant, system.n_strings)
             demands = Demands(study, system.control.step_s)
             journal = Journal(folder, system, study.title or study.name, study.service.journal_mb)
         service = Service(study, folder)
-        for note in service.notes:
-            LOG.info(note)
         loop = None
         if plant is not None:
             loop = ControlLoop(service, link, demands, journal, address=address, shadow=shadow)
@@ -158,24 +156,20 @@ def _held(folder: Path) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def _listening(host: str, port: int) -> Iterator[socket.socket]:
+def _listener(host: str, port: int) -> socket.socket:
     """A listening socket, opened before anything else starts."""
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        listener = socket.socket(family, kind, protocol)
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except OSError as error:
         raise InputError(f"--host {host}: is not an address of this machine ({error})") from error
-    with listener:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listener.bind(address)
-            listener.listen(2048)
-        except OSError as error:
-            raise InputError(
-                f"--host {host} --port {port}: cannot be listened on ({error.strerror}); use another --port"
-            ) from error
-        yield listener
+    both = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
+    try:
+        return socket.create_server(address, family=family, backlog=2048, dualstack_ipv6=both)
+    except OSError as error:
+        why = os.strerror(error.errno or 0)
+        raise InputError(
+            f"--host {host} --port {port}: cannot be listened on ({why}); use another --port"
+        ) from error
 
 
 def _log_to_standard_error() -> None:

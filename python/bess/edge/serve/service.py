@@ -63,6 +63,8 @@ class Service:
         offset_s = time.time() - time.monotonic()
         # Seconds since 1970 of a clock that never goes back.
         self.clock: Callable[[], float] = lambda: time.monotonic() + offset_s
+        for note in self.notes:
+            LOG.info(note)
         self.memory = StateStore(folder, self.controller.system)
         self.notes.append(self.memory.load(self.controller, self.clock()))
         self.history = History()

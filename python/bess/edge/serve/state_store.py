@@ -9,6 +9,7 @@ checksum of the rest.
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -25,6 +26,7 @@ from bess.simulation.record.dataset import fingerprint
 from bess.simulation.record.files import put_bytes, sealed, unsealed
 from bess.system import System
 
+LOG: Final = logging.getLogger("bess.serve")
 MEMORY: Final = ("memory-0.json", "memory-1.json")
 PLAN: Final = "plan.json"
 TRIAL: Final = "trial.json"
@@ -52,7 +54,7 @@ class StateStore:
         self._saved_plan: object = None
 
     def load(self, controller: Controller, now_s: float) -> str:
-        """Restore the state of the last process; return a sentence on the result.
+        """Restore the state of the last process; log and return a sentence on the result.
 
         ``now_s`` is the time of the controller's clock. A damaged state, or that of another system, is
         renamed, and the controller begins with a new one.
@@ -61,20 +63,23 @@ class StateStore:
         self._do(lambda: self._try(self._sealed(fresh[0])))
         try:
             state_dict = self._newest()
-            if state_dict is None:
-                return f"no state in {self.folder}; a new one begins"
-            controller.load_state_dict(state_dict)
-            if (self.folder / PLAN).exists():
-                controller.plan.load_state_dict(self._read(self.folder / PLAN))
+            note = f"no state in {self.folder}; a new one begins"
+            if state_dict is not None:
+                controller.load_state_dict(state_dict)
+                if (self.folder / PLAN).exists():
+                    controller.plan.load_state_dict(self._read(self.folder / PLAN))
+                age_s = max(0.0, now_s - (state_dict["last_s"] or now_s))
+                note = f"continues with the state in {self.folder}, {age_s:.0f} s old"
+            LOG.info(note)
         except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, BessError) as error:
             controller.load_state_dict(fresh[0])
             controller.plan.load_state_dict(fresh[1])
             for name in (*MEMORY, PLAN):
                 with suppress(OSError):
                     (self.folder / name).replace(self.folder / f"{name}.damaged")
-            return f"the state in {self.folder} cannot be used ({error}); it is set aside, a new one begins"
-        age_s = max(0.0, now_s - (state_dict["last_s"] or now_s))
-        return f"continues with the state in {self.folder}, {age_s:.0f} s old"
+            note = f"the state in {self.folder} cannot be used ({error}); it is set aside, a new one begins"
+            LOG.warning(note)
+        return note
 
     def save(self, controller: Controller) -> None:
         """Write the state; a failure of the disk is reported by :attr:`error`, not raised."""
@@ -144,19 +149,16 @@ class StateStore:
     def _newest(self) -> dict[str, Any] | None:
         """The newer intact file of both; None without files, ValueError if none is intact."""
         found, problem = [], None
-        for name in MEMORY:
-            try:
-                found.append(self._read(self.folder / name))
-            except FileNotFoundError:
-                continue
-            except (ValueError, KeyError) as error:
-                problem = error
-        if not found:
-            if problem is not None:
-                raise problem
-            return None
-        newest = max(found, key=lambda document: int(document["number"]))
-        self._number = int(newest["number"])
+        for path in (self.folder / name for name in MEMORY):
+            if path.exists():
+                try:
+                    found.append(self._read(path))
+                except (ValueError, KeyError) as error:
+                    problem = error
+        if problem is not None and not found:
+            raise problem
+        newest = max(found, key=lambda document: int(document["number"]), default=None)
+        self._number = 0 if newest is None else int(newest["number"])
         return newest
 
     def _read(self, path: Path) -> dict[str, Any]:
