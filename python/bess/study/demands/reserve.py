@@ -369,7 +369,7 @@ class ReserveSource(DemandSource):
                 stored_kwh - band.low_kwh,
                 self._sold_kwh,
                 available_kw=self.trade.power_kw - out_kw,
-                available_kwh=max(0.0, band.high_kwh - band.low_kwh) if out_kw > 0.0 else np.inf,
+                available_kwh=max(0.0, band.high_kwh - band.low_kwh),
                 **budget,
             )
         self._sold_kwh += max(0.0, float(self._plan[0])) * self.trade.dt_h / self.store.one_way_efficiency
