@@ -23,6 +23,8 @@ from bess.errors import InputError
 from bess.market import read_capacity_prices, read_frequency
 from bess.report.charts import operation
 from bess.simulation.analysis.settlement import COSTS
+from bess.simulation.inputs import prepare
+from bess.study.demands.source import StepInputs
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 FREQUENCY = DATA / "bess" / "frequency_france_2019_05_10s.csv.zip"
@@ -465,6 +467,18 @@ def test_reserve_and_trade_fit_into_the_strings_in_service(reserve: dict[str, ob
     kpis = outcome("fcr-arbitrage", event=OUT, policy__name="soc", run__days=3.0, **reserve).kpis
     assert kpis["undelivered_kwh"] == 0.0
     assert kpis["discharge_revenue_eur"] > kpis["charge_cost_eur"]
+
+
+def test_trade_stays_within_the_energy_band_of_a_capacity_that_has_decreased() -> None:
+    """The band was that of the initial capacity."""
+    inputs = prepare(bess.load_study("fcr-arbitrage", {"run.days": 1.0}))
+    source, state = inputs.demand, inputs.system.initial_state()
+    aged = bess.State(state.soc, state.temperature_c, 0.6 * state.soh_capacity)
+    source.ahead(0, 96, StepInputs(aged, inputs.limit_kw[0], inputs.ambient_c))
+    row = source.planned(0)
+    stored_kwh = 0.25 * np.cumsum(np.append(0.0, source._plan))  # without losses, which narrow it further
+    usable_kwh = (row["soc_high"] - row["soc_low"]) * 0.6 * inputs.system.nominal_energy_kwh.sum()
+    assert 0.0 < np.ptp(stored_kwh) <= usable_kwh
 
 
 def test_a_service_names_bundled_files_only_if_there_are_such() -> None:
