@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 
 import numpy as np
@@ -164,6 +165,25 @@ def test_a_price_of_starts_reduces_starts() -> None:
         on = bess.plan_power(system, state, TWO_CYCLES_KW, goals).request_kw != 0.0
         starts.append(int((on[:, 1:] & ~on[:, :-1]).sum()))
     assert starts[1] < 0.5 * starts[0]
+
+
+def test_a_plant_of_twice_the_size_has_the_same_plan_twice() -> None:
+    """The default price of a start was 0.15 kWh for inverters of any size."""
+    system, state = bess.System.reference(2), bess.State([0.4, 0.6], [25.0, 31.0])
+    document = copy.deepcopy(bess.System.reference(2).document)
+    document["battery"]["cells_parallel"] *= 2
+    document["inverter"]["nominal_kw"] *= 2.0
+    document["thermal"]["spatial"]["packs_per_string"] *= 2
+    document["thermal"]["lumped"]["k1_k_per_j"] /= 2.0
+    large = bess.System(document)
+    plan, twice = (
+        bess.plan_power(each, state, demand_kw)
+        for each, demand_kw in ((system, TWO_CYCLES_KW), (large, 2.0 * TWO_CYCLES_KW))
+    )
+    np.testing.assert_allclose(twice.request_kw, 2.0 * plan.request_kw, rtol=1e-6, atol=1e-6)
+    assert twice.cost == pytest.approx(2.0 * plan.cost, rel=1e-6)
+    given = bess.Objectives.energy(start_kwh=0.15)
+    assert given.start_kwh_of(large.nominal_kw) == 0.15 == given.start_kwh_of(system.nominal_kw)
 
 
 def test_starts_that_no_schedule_avoids_are_in_the_proven_bound() -> None:

@@ -21,7 +21,8 @@ weight raises the objective by up to 0.3 % on hot states."""
 SHORTFALL: Final = 3.0
 """Weight of undelivered energy relative to losses [kWh/kWh]."""
 START_KWH: Final = 0.15
-"""Cost of an inverter start [kWh of losses]; up to this price fewer starts cost no energy."""
+"""Cost of a start [kWh of losses] of an inverter of 92 kW; up to this price fewer starts cost no energy."""
+_START_KW: Final = 92.0
 
 Kind = Literal["paper", "energy", "money"]
 Normalisation = Literal["constant", "payoff", "energy"]
@@ -95,8 +96,9 @@ class Objectives(PublicSection):
     shortfall : float or None
         Weight of undelivered energy over losses; kind ``"energy"`` only, 3 by default.
     start_kwh : float or None
-        Cost of an inverter start in plans [kWh of losses]; kind ``"energy"`` only, 0.15 by default. A
-        certified split ignores it, because its horizon is short.
+        Cost of an inverter start in plans [kWh of losses]; kind ``"energy"`` only. The default is 0.15 for
+        inverters of 92 kW, and in proportion to nominal power for others (:meth:`start_kwh_of`). A certified
+        split ignores it, because its horizon is short.
     normalisation : {"constant", "payoff", "energy"}
         Divisor of each loss. ``"constant"``: its value at nominal power on every string and step, so that a
         kWh has the same weight in every string. ``"payoff"``: its range over the optima of the single
@@ -180,6 +182,14 @@ class Objectives(PublicSection):
         if not any(objective.weight > 0.0 for objective in self.members):
             raise ValueError("at least one weight must be positive")
         return self
+
+    def start_kwh_of(self, nominal_kw: Array) -> float:
+        """Return the cost of a start of inverters of this nominal power [kWh of losses].
+
+        A plant of twice the size has the same plans, twice: the default is in proportion to the mean.
+        """
+        given = self.start_kwh or 0.0
+        return given if "start_kwh" in self.model_fields_set else given * float(nominal_kw.mean()) / _START_KW
 
     @property
     def members(self) -> tuple[Objective, Objective, Objective, Objective]:

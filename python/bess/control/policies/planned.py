@@ -114,8 +114,8 @@ class PlannedPolicy(Checkpointed):
 
     def _prices(self, inputs: PolicyInput) -> PlanPrices:
         if self._objectives.kind != "money":
-            n_strings, n_steps = inputs.limit_kw.size, inputs.demand_kw.size
-            return PlanPrices.energy(self._objectives, n_strings, n_steps)
+            nominal_kw = self._planner.system.nominal_kw
+            return PlanPrices.energy(self._objectives, nominal_kw, inputs.demand_kw.size)
         if inputs.price_eur_mwh is None:
             raise InputError(NO_PRICES)
         return PlanPrices.money(
