@@ -86,10 +86,10 @@ class PerfectForecast(ExternalForecast):
 
 
 class PersistenceForecast:
-    """Forecasts each step by the latest known value at the same time of day.
+    """Forecasts each step by the latest known value at the same time of day (UTC).
 
-    The present value is known. A later step takes the value at the same time of the latest known day; if the
-    series does not reach back that far, the present value is held.
+    The present value is known. A later step takes the latest known value a multiple of 24 h before, also if
+    the clock changes; if the series does not reach back that far, the present value is held.
 
     Parameters
     ----------
