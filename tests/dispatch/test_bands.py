@@ -165,6 +165,18 @@ def test_a_price_is_known_to_its_end() -> None:
     assert ExternalForecast(hourly, foretold, price_ends=ends).ahead(3, 4).tolist() == [4.0, 4.0, 4.0, 9.0]
 
 
+@pytest.mark.closed_form
+@pytest.mark.parametrize("shift", [0, 1, 3])
+def test_hourly_prices_before_prices_of_quarter_hours_are_known_to_their_end(shift: int) -> None:
+    """As in Germany from October 2025 on; the day of the change counts as one of quarter hours."""
+    values = np.r_[np.repeat(noise(72), 4), noise(48, 1), np.repeat(noise(72, 2), 4)][shift:]
+    steps, ends = np.arange(values.size), price_ends_of(values, 0.25)
+    hours = steps + 4 - (steps + shift) % 4
+    np.testing.assert_array_equal(ends[: 2 * 96], hours[: 2 * 96])
+    np.testing.assert_array_equal(ends[3 * 96 : 4 * 96 - 4], steps[3 * 96 : 4 * 96 - 4] + 1)
+    np.testing.assert_array_equal(ends[4 * 96 :], hours[4 * 96 :])
+
+
 @pytest.mark.parametrize(
     ("foretold", "match"),
     [

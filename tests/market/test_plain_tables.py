@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sisters import BERLIN, truth
+from sisters import BERLIN, entsoe_old, truth
 
 import bess
 from bess.errors import InputError
@@ -62,6 +62,19 @@ def test_a_single_column_of_another_zone_is_not_taken_for_the_one_wanted(tmp_pat
     SERIES.to_frame("FR").to_csv(path, index_label="time")
     with pytest.raises(InputError, match="'DE-LU' is not in this file"):
         bess.read_prices(path)
+
+
+@pytest.mark.parametrize("zone", ["XX", "p10"])
+def test_an_unknown_zone_is_refused_by_a_file_that_names_none(zone, tmp_path):
+    """The band p10 of a file of one forecast was that forecast."""
+    plain, entsoe = tmp_path / "plain.csv", tmp_path / "entsoe.csv"
+    SERIES.to_frame("price").to_csv(plain, index_label="time")
+    entsoe.write_text(entsoe_old(SERIES))
+    for path, match in ((plain, "give as zone one of its columns: price"), (entsoe, "leave zone out")):
+        for known in ("DE-LU", "Norway 2"):
+            equal(bess.read_prices(path, zone=known), SERIES)
+        with pytest.raises(InputError, match=f"zone '{zone}' is .*{match}"):
+            bess.read_prices(path, zone=zone)
 
 
 @pytest.mark.parametrize("index", [True, False])

@@ -14,18 +14,27 @@ SYSTEM = bess.System.reference(2)
 def test_with_half_the_step_the_error_of_soc_is_a_quarter_in_the_middle_and_a_half_at_the_start(
     sign: float,
 ) -> None:
-    """Second and first order, between the knots of the tables; cooling is of first order in both forms."""
-    state, hours = bess.State([0.65, 0.65], [27.0, 27.0]), 0.25
+    """Second and first order of random strings; medians, as a step over a knot of a table has another order.
 
-    def end(parts: int, model: str) -> float:
-        request = np.full((2, parts), sign * 30.0)
-        roll = bess.rollout(SYSTEM, state, request, hours / parts, model=model)  # type: ignore[arg-type]
-        return float(roll.soc[0, -1])
+    With 200 other seeds the medians are 3.92 to 4.03 and 1.99 to 2.01, the errors at the start at least 13
+    times as large.
+    """
+    n, rng = 60, np.random.default_rng(1)
+    state = bess.State(rng.uniform(0.15, 0.9, n), rng.uniform(15.0, 40.0, n))
+    request_kw = sign * rng.uniform(10.0, 60.0, (n, 1))
 
-    truth = end(4096, "midpoint")
-    for model, ratio in (("start", 2.0), ("midpoint", 4.0)):
-        errors = [abs(end(parts, model) - truth) for parts in (2, 4, 8)]
-        np.testing.assert_allclose([errors[0] / errors[1], errors[1] / errors[2]], ratio, rtol=0.15)
+    def end(parts: int, model: str) -> np.ndarray:
+        request = request_kw.repeat(parts, axis=1)
+        roll = bess.rollout(bess.System.reference(n), state, request, 0.25 / parts, model=model)  # type: ignore[arg-type]
+        return roll.soc[:, -1]
+
+    def errors(model: str) -> np.ndarray:
+        return np.abs([end(parts, model) - end(1024, "midpoint") for parts in (1, 2, 4, 8)])
+
+    middle, start = errors("midpoint"), errors("start")
+    np.testing.assert_allclose(np.median(middle[:-1] / middle[1:], axis=1), 4.0, rtol=0.05)
+    np.testing.assert_allclose(np.median(start[:-1] / start[1:], axis=1), 2.0, rtol=0.05)
+    assert (10.0 * middle < start).all()
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -42,22 +51,24 @@ def test_a_step_that_is_taken_in_parts_cools_once(sign: float, soc: float) -> No
     assert end_c(1, "midpoint") == pytest.approx(end_c(256, "start"), abs=0.01)
 
 
-@pytest.mark.parametrize(("soc", "request_kw"), [(0.04, 60.0), (0.97, -80.0)])
-def test_a_string_that_becomes_empty_or_full_delivers_its_request_until_then(
-    soc: float, request_kw: float
-) -> None:
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_strings_that_become_empty_or_full_deliver_their_requests_until_then(sign: float) -> None:
     """As in the plant: full power for a part of the step costs more than little power for all of it."""
-    system, state = bess.System.reference(1), bess.State([soc], [30.0])
-    plant = bess.PlantEnsemble(system, [state]).run(np.full((1, 1, 1), request_kw), 900.0)
+    n, rng = 40, np.random.default_rng(1)
+    system, depth = bess.System.reference(n), rng.uniform(0.005, 0.03, n)
+    state = bess.State(depth if sign > 0.0 else 1.0 - depth, rng.uniform(15.0, 40.0, n))
+    request_kw = sign * rng.uniform(50.0, 90.0, n)
+    plant = bess.Plant(system, state).step(request_kw)
     middle, start = (
-        bess.rollout(system, state, [[request_kw]], 0.25, model=model)  # type: ignore[arg-type]
+        bess.rollout(system, state, request_kw[:, None], 0.25, model=model)  # type: ignore[arg-type]
         for model in ("midpoint", "start")
     )
-    assert middle.soc[0, -1] == pytest.approx(0.0 if request_kw > 0.0 else 1.0)
+    np.testing.assert_allclose(middle.soc[:, -1], 0.0 if sign > 0.0 else 1.0, atol=1e-9)
     for name in ("delivered_kw", "inverter_loss_kw", "battery_loss_kw"):
-        truth = np.squeeze(getattr(plant, name))
-        assert np.squeeze(getattr(middle, name)) == pytest.approx(truth, rel=0.15), name
-    assert abs(start.battery_loss_kw.sum() / plant.battery_loss_kw.sum() - 1.0) > 0.3
+        truth = getattr(plant, name)
+        error, other = (np.abs(getattr(roll, name)[:, 0] / truth - 1.0).mean() for roll in (middle, start))
+        # With 200 other seeds at most 16 %, and 23 % of the error of the other form.
+        assert error < min(0.2, 0.4 * other), name
 
 
 def test_both_forms_agree_on_what_does_not_move() -> None:

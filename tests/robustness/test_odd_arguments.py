@@ -68,3 +68,10 @@ def test_odd_numbers_of_a_snapshot_are_refused(name: str) -> None:
         with pytest.raises(bess.InputError, match=r"plant: "):
             plant.restore(dataclasses.replace(before, **{name: value}))
     np.testing.assert_array_equal(plant.snapshot().soc, before.soc)
+
+
+def test_a_snapshot_above_the_limit_of_a_run_is_refused() -> None:
+    plant = bess.Plant(SYSTEM, START)
+    hot_c = np.full_like(plant.snapshot().node_temperature_c, 150.1)
+    with pytest.raises(bess.InputError, match=r"node temperature 150.1 degC is outside \[-60, 150\]"):
+        plant.restore(dataclasses.replace(plant.snapshot(), node_temperature_c=hot_c))

@@ -10,7 +10,7 @@ import pytest
 import bess
 from bess.dispatch import Arbitrage, PerfectForecast, auction_positions, reserve_blocks
 from bess.dispatch.arbitrage import calendar_days
-from bess.dispatch.markets import AuctionForecast
+from bess.dispatch.markets import AuctionForecast, four_hour_blocks
 from bess.errors import InputError
 from bess.simulation.inputs import prepare
 
@@ -167,21 +167,44 @@ def test_reserve_is_sold_where_it_earns_more_than_the_trade_beside_it() -> None:
     )  # fmt: skip
     for price, sold in ((79.0, 0.0), (81.0, 60.0)):
         paid = np.repeat([0.0, 0.0, 0.0, price, 1.0, 0.0], 4)
-        reserve = reserve_blocks(paid, energy, planner, max_reserve_kw=60.0, stored_kwh=0.0, foresight=True)
+        reserve = reserve_blocks(
+            paid,
+            energy,
+            planner,
+            blocks=np.arange(24) // 4,
+            max_reserve_kw=60.0,
+            stored_kwh=0.0,
+            foresight=True,
+        )
         np.testing.assert_allclose(reserve[12:16], sold, atol=1e-6)
         np.testing.assert_allclose(reserve[16:20], 60.0)
 
 
-@pytest.mark.parametrize(("start", "days"), [("2024-03-30 09:00", 2.5), ("2024-10-26 00:00", 2.875)])
-def test_blocks_of_reserve_are_those_of_the_local_day(start: str, days: float) -> None:
-    """Runs from within a day over a change of the clock; the last ends within a day."""
-    times = pd.date_range(start, periods=round(days * DAY), freq="15min", tz="UTC")
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [
+        ("2024-03-30 09:00", "2024-04-01 21:00"),
+        ("2024-03-30 09:00", "2024-03-31 22:00"),  # to the end of a day of 23 h
+        ("2024-10-26 00:00", "2024-10-27 23:00"),  # of 25 h
+        ("2024-10-26 00:00", "2024-10-27 22:00"),  # after 24 h of 25
+    ],
+)
+def test_blocks_of_reserve_are_those_of_the_local_day(start: str, end: str) -> None:
+    times = pd.date_range(start, end, freq="15min", tz="UTC", inclusive="left")
     local, day = times.tz_convert("Europe/Berlin"), calendar_days(times, "Europe/Berlin")
     block = (day - day[0]) * 6 + local.hour.to_numpy() // 4
     random = np.random.default_rng(3)
     paid, energy = random.uniform(0.0, 40.0, block[-1] + 1)[block], random.normal(60.0, 50.0, times.size)
     planner = Arbitrage(PerfectForecast(energy), day, power_kw=100.0, energy_kwh=150.0, replan_h=0.25)
-    sold = reserve_blocks(paid, energy, planner, max_reserve_kw=60.0, stored_kwh=50.0, foresight=True)
+    sold = reserve_blocks(
+        paid,
+        energy,
+        planner,
+        blocks=four_hour_blocks(times, "Europe/Berlin"),
+        max_reserve_kw=60.0,
+        stored_kwh=50.0,
+        foresight=True,
+    )
     by_block = pd.Series(sold).groupby(block)
     assert (by_block.max() - by_block.min()).max() < 1e-6 < by_block.mean().std()
 

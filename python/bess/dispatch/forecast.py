@@ -86,10 +86,10 @@ class PerfectForecast(ExternalForecast):
 
 
 class PersistenceForecast:
-    """Forecasts each step by the latest known value at the same time of day.
+    """Forecasts each step by the latest known value at the same time of day (UTC).
 
-    The present value is known. A later step takes the value at the same time of the latest known day; if the
-    series does not reach back that far, the present value is held.
+    The present value is known. A later step takes the latest known value a multiple of 24 h before, also if
+    the clock changes; if the series does not reach back that far, the present value is held.
 
     Parameters
     ----------
@@ -150,13 +150,18 @@ def whole_steps(duration_h: float, dt_h: float) -> int | None:
 def price_ends_of(values: Array, dt_h: float) -> npt.NDArray[np.int64]:
     """Return the first step after each at which another price may begin, shape ``(n_steps,)``.
 
-    The duration of a price is the longest, up to an hour, that is consistent with all price changes.
+    The duration of a price is the longest, up to an hour, that is consistent with all price changes of its
+    day and of the hour after it: hourly prices can give way to prices of quarter hours.
     """
-    steps, changes = np.arange(values.size), np.flatnonzero(np.diff(values) != 0.0) + 1
-    first = int(changes[0]) if changes.size else 0
-    hour = max(1, round(1.0 / dt_h))
-    lasts = next(n for n in range(hour, 0, -1) if hour % n == 0 and not ((changes - first) % n).any())
-    return np.asarray(steps + lasts - (steps - first) % lasts)
+    hour, day = max(1, round(1.0 / dt_h)), steps_in(24.0, dt_h, "a day")
+    ends, changes = np.arange(values.size), np.flatnonzero(np.diff(values) != 0.0) + 1
+    for begin in range(0, values.size, day):
+        here = changes[(changes >= begin) & (changes < begin + day + hour)]
+        first = here[0] if here.size else begin
+        lasts = next(n for n in range(hour, 0, -1) if hour % n == 0 and not ((here - first) % n).any())
+        own = ends[begin : begin + day]
+        own += lasts - (own - first) % lasts
+    return ends
 
 
 def checked_series(values: npt.ArrayLike) -> Array:

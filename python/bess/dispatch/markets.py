@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Final
+from datetime import tzinfo
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from bess.arrays import Array
-from bess.dispatch.arbitrage import Arbitrage
+from bess.dispatch.arbitrage import Arbitrage, calendar_days
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _LEAD_TIME_H: Final = 9.0
 """Lead time of the auction of a day [h]: it is cleared at 15:00 of the day before."""
-
-_BLOCK_H: Final = 4.0
-"""Length of a reserve product [h]."""
 
 _MIN_POSITION: Final = 1e-9
 """Share of the plant's power below which a position is zero."""
@@ -140,6 +141,7 @@ def reserve_blocks(
     price_eur_mwh: Array,
     planner: Arbitrage,
     *,
+    blocks: npt.NDArray[np.int64],
     max_reserve_kw: float,
     stored_kwh: float,
     foresight: bool,
@@ -156,6 +158,8 @@ def reserve_blocks(
         Prices of reserve and of energy.
     planner : Arbitrage
         The trade, without reserve; its prices are not used.
+    blocks : array of int, shape (n_steps,)
+        Number of the block of each step, ascending; none lasts over midnight.
     max_reserve_kw : float
         Largest reserve.
     stored_kwh : float
@@ -169,7 +173,6 @@ def reserve_blocks(
         Reserve [kW].
     """
     reserve_kw, dt_h = np.zeros(price_eur_mwh.size), planner.dt_h
-    blocks = _four_hour_blocks(planner.days, dt_h)
     for begin, end, known in _days(planner, foresight=foresight):
         price, row = price_eur_mwh[known], np.arange(known.size)
         weight = planner.weight(price)
@@ -185,13 +188,6 @@ def reserve_blocks(
     return reserve_kw
 
 
-def _four_hour_blocks(days: npt.NDArray[np.int64], dt_h: float) -> npt.NDArray[np.int64]:
-    """Return the number of the block of each step, six for each day; a change of the clock is in the first.
-
-    Days are counted back from their end; a last day of less than 24 h, from its start.
-    """
-    _, first, day, count = np.unique(days, return_index=True, return_inverse=True, return_counts=True)
-    steps, since = round(_BLOCK_H / dt_h), np.arange(days.size) - first[day]
-    block = np.maximum(0, 5 - (count[day] - since - 1) // steps)
-    from_start = (day == day[-1]) & (count[-1] * dt_h < 24.0)
-    return np.asarray(6 * day + np.where(from_start, since // steps, block))
+def four_hour_blocks(index: pd.DatetimeIndex, time_zone: str | tzinfo) -> npt.NDArray[np.int64]:
+    """Return the number of the local four-hour block of each time, six for each day of 23 to 25 h."""
+    return np.asarray(6 * calendar_days(index, time_zone) + index.tz_convert(time_zone).hour // 4)

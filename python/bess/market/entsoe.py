@@ -17,7 +17,15 @@ from bess.market.numbers import parse_numbers
 from bess.market.table import Table
 from bess.market.times import clock_of, in_utc, parse_times, to_utc
 from bess.market.units import check_price_unit
-from bess.market.zones import SPLIT, check_values, fail_no_zone, only_day_ahead, wanted_codes, zone_code
+from bess.market.zones import (
+    SPLIT,
+    check_known,
+    check_values,
+    fail_no_zone,
+    only_day_ahead,
+    wanted_codes,
+    zone_code,
+)
 
 _TIME: Final = re.compile(r"(?:MTU|Time)\b", re.IGNORECASE)
 _PRICE: Final = re.compile(r"day[- ]ahead(?: price)?\s*(?:[\[(]|$)", re.IGNORECASE)
@@ -58,6 +66,8 @@ def _of_zone(table: Table, zone: str, prices: pd.DataFrame, repairs: Repairs) ->
     area = table.named("Area", "Bidding Zone", "BZN")
     if area is None:
         names = [name for name in table.header if name.startswith("BZN|")]
+        if not names:
+            check_known(zone)
         if not names or zone_code(names[0]) in wanted_codes(zone):
             return prices
     else:

@@ -196,7 +196,7 @@ def _of_zone(table: Table, zone: str, repairs: Repairs) -> tuple[Columns, str]:
 def _column(columns: Columns, zone: str) -> str:
     """Return the only column, or the column of a zone by code or name."""
     plain = {name: without_unit(name) for name in columns.names}
-    if len(plain) == 1 and not any(map(is_zone, plain.values())):
+    if len(plain) == 1 and is_zone(zone) and not any(map(is_zone, plain.values())):
         return columns.names[0]
     exact = [name for name, short in plain.items() if zone in (name, short)]
     alike = [name for name, short in plain.items() if zone_code(short) == zone_code(zone)]

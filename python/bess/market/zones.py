@@ -89,6 +89,12 @@ def fail_no_zone(zone: str, names: Iterable[str]) -> NoReturn:
     fail(1, f"zone {zone!r} is not in this file; choose another zone or file, the file has: {listed(names)}")
 
 
+def check_known(zone: str) -> None:
+    """Raise InputError for an unknown zone; for files that name no zone."""
+    if not is_zone(zone):
+        fail(1, f"zone {zone!r} is unknown and the file names no zone; leave zone out to take its prices")
+
+
 def check_values(zone: str, values: pd.Series, names: Iterable[str]) -> None:
     """Raise InputError if the prices of a zone are all missing; `names` are the zones of the file."""
     if values.isna().all():

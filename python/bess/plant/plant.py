@@ -185,7 +185,13 @@ class _Simulation:
         return PlantSnapshot(**arrays)
 
     def restore(self, snapshot: PlantSnapshot) -> None:
-        """Restore a snapshot; the simulation continues from it to the last bit."""
+        """Restore a snapshot; the simulation continues from it to the last bit.
+
+        Raises
+        ------
+        InputError
+            The snapshot does not fit the plant, or a value is outside its range: -60 to 150 degC of a node.
+        """
         if not isinstance(snapshot, PlantSnapshot):
             raise InputError(f"plant: snapshot must be a PlantSnapshot, not {type(snapshot).__name__}")
         arrays = vars(snapshot).copy()

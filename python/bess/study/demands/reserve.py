@@ -20,6 +20,7 @@ from bess.dispatch import (
     reserve_blocks,
 )
 from bess.dispatch.arbitrage import calendar_days
+from bess.dispatch.markets import four_hour_blocks
 from bess.dispatch.synthetic import frequency_deviation, market_prices
 from bess.errors import InputError
 from bess.files import Fill
@@ -251,6 +252,7 @@ class FcrArbitrageDemand(FcrDemand):
                 capacity_price,
                 price,
                 self._trade(grid, price, power_kw, band),
+                blocks=four_hour_blocks(grid.index, self.market_time_zone),
                 max_reserve_kw=capacity_kw,
                 stored_kwh=max(0.0, stored_kwh - band.low_kwh),
                 foresight=self.choose_capacity == "perfect",
