@@ -79,7 +79,7 @@ def case(seed: int, n_strings: int, n_steps: int) -> Case:
     limit = limit[:, None].repeat(n_steps, axis=1)
     first, last = np.sort(rng.integers(0, n_steps + 1, 2))
     limit[rng.integers(n_strings), first:last] *= rng.choice([0.0, 0.5])
-    return Case(system, state, demand, limit, PlanPrices.energy(ENERGY, system.nominal_kw, n_steps))
+    return Case(system, state, demand, limit, PlanPrices.energy(ENERGY, n_strings, n_steps))
 
 
 def by_hand(

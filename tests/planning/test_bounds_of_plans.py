@@ -183,7 +183,7 @@ def test_a_plant_of_twice_the_size_has_the_same_plan_twice() -> None:
     np.testing.assert_allclose(twice.request_kw, 2.0 * plan.request_kw, rtol=1e-6, atol=1e-6)
     assert twice.cost == pytest.approx(2.0 * plan.cost, rel=1e-6)
     given = bess.Objectives.energy(start_kwh=0.15)
-    assert given.start_kwh_of(large.nominal_kw) == 0.15 == given.start_kwh_of(system.nominal_kw)
+    assert given.for_inverters(large.nominal_kw).start_kwh == 0.15
 
 
 def test_starts_that_no_schedule_avoids_are_in_the_proven_bound() -> None:

@@ -28,7 +28,7 @@ def case(seed: int, n_strings: int = N_STRINGS, n_steps: int = 24) -> Case:
     limit = limit[:, None].repeat(n_steps, axis=1)
     limit[: n_strings // 5, n_steps // 2 : 3 * n_steps // 4] = 0.0
     demand = SWINGS[:n_steps] * rng.uniform(0.05, 0.6, n_steps) * limit.sum(axis=0)
-    return Case(system, state, demand, limit, PlanPrices.energy(ENERGY, system.nominal_kw, n_steps))
+    return Case(system, state, demand, limit, PlanPrices.energy(ENERGY, n_strings, n_steps))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -105,7 +105,7 @@ def test_strings_that_all_aged_differently_are_planned_in_groups_without_a_bound
     system, health = bess.System.reference(n), np.linspace(0.8, 1.0, n)
     state = bess.State(np.full(n, 0.5), np.full(n, 25.0), soh_capacity=health, soh_resistance=2.0 - health)
     planner = Planner(system, 8, rollouts=10)
-    plan = planner(state, 30.0 * n * SWINGS[:8], PlanPrices.energy(ENERGY, system.nominal_kw, 8))
+    plan = planner(state, 30.0 * n * SWINGS[:8], PlanPrices.energy(ENERGY, n, 8))
     assert plan.cost < plan.rule_cost and np.isnan(plan.bound) and np.isnan(plan.search_bound)
 
 

@@ -77,7 +77,7 @@ def test_a_plan_beats_every_rule_where_charge_is_short() -> None:
     """Two hours of discharge from strings with an hour's worth, then two of charge, and again."""
     system = bess.System.reference(2)
     demand = np.where(np.arange(48) % 16 < 8, 60.0, -60.0)
-    state, prices = bess.State([0.3, 0.3], [25.0, 25.0]), PlanPrices.energy(ENERGY, np.full(2, 92.0), 48)
+    state, prices = bess.State([0.3, 0.3], [25.0, 25.0]), PlanPrices.energy(ENERGY, 2, 48)
     plan = Planner(system, 48, DT_H)(state, demand, prices)
     assert plan.cost < 0.9 * plan.rule_cost
 
@@ -137,7 +137,7 @@ def test_a_warm_start_without_gains_ends_the_search_early() -> None:
     demand[8:16], demand[30:40] = -60.0, 90.0
     problem = Case(
         bess.System.reference(2), bess.State([0.5, 0.45], [25.0, 30.0]), demand,
-        np.array([92.0, 92.0]), PlanPrices.energy(ENERGY, np.full(2, 92.0), 48),
+        np.array([92.0, 92.0]), PlanPrices.energy(ENERGY, 2, 48),
     )  # fmt: skip
     planner = Planner(problem.system, 48, DT_H)
     problem.plan(planner)
@@ -160,7 +160,7 @@ def test_a_warm_start_without_gains_ends_the_search_early() -> None:
 def test_a_plan_of_one_string_is_the_demand(sign: float) -> None:
     system = differing(1, np.random.default_rng(1))
     demand = sign * np.linspace(0.0, system.nominal_kw[0] * 1.2, 12)
-    plan = Planner(system, 12, DT_H)(bess.State([0.5], [25.0]), demand, PlanPrices.energy(ENERGY, np.full(1, 92.0), 12))
+    plan = Planner(system, 12, DT_H)(bess.State([0.5], [25.0]), demand, PlanPrices.energy(ENERGY, 1, 12))
     largest = system.nominal_kw[0]
     np.testing.assert_allclose(plan.request_kw[0], np.clip(demand, -largest, largest), rtol=1e-12)
     np.testing.assert_allclose(plan.unmet_kw, np.maximum(np.abs(demand) - largest, 0.0), rtol=1e-12)
@@ -170,7 +170,7 @@ def test_a_string_out_of_service_gets_no_request_until_it_returns() -> None:
     system = bess.System.reference(3)
     state = bess.State([0.5, 0.6, 0.4], [25.0, 30.0, 35.0])
     planner = Planner(system, 24, DT_H, rollouts=20)
-    prices, demand = PlanPrices.energy(ENERGY, np.full(3, 92.0), 24), np.full(24, 150.0)
+    prices, demand = PlanPrices.energy(ENERGY, 3, 24), np.full(24, 150.0)
     planner(state, demand, prices)
     out = planner(state, demand, prices, limit_kw=[92.0, 0.0, 92.0])
     assert not np.any(out.request_kw[1])
@@ -233,7 +233,7 @@ def plan_with(**given: object) -> Plan:
     arguments = {
         "state": bess.State([0.5, 0.5], [25.0, 25.0]),
         "demand_kw": np.full(4, 50.0),
-        "prices": PlanPrices.energy(ENERGY, np.full(2, 92.0), 4),
+        "prices": PlanPrices.energy(ENERGY, 2, 4),
         **given,
     }
     return planner(**arguments)  # type: ignore[arg-type]
@@ -249,7 +249,7 @@ def plan_with(**given: object) -> Plan:
         ({"limit_kw": [92.0, 93.0]}, "93 kW"),
         ({"limit_kw": [92.0, -1.0]}, "-1 kW"),
         ({"limit_kw": np.full((2, 3), 92.0)}, "one value for each string"),
-        ({"prices": PlanPrices.energy(ENERGY, np.full(2, 92.0), 5)}, r"prices of losses have shape \(5, 4\)"),
+        ({"prices": PlanPrices.energy(ENERGY, 2, 5)}, r"prices of losses have shape \(5, 4\)"),
         ({"prices": PlanPrices(np.full((4, 4), np.nan), np.zeros(2))}, "prices of losses"),
         ({"prices": PlanPrices(np.full((4, 4), -1.0), np.zeros(2))}, "prices of losses"),
         ({"prices": PlanPrices(np.ones((4, 4)), np.zeros(3))}, "wear"),
@@ -273,7 +273,7 @@ def test_a_call_that_is_refused_changes_nothing() -> None:
     problem.plan(planner)
     before = planner.state_dict()
     with pytest.raises(bess.InputError):
-        planner(problem.state, problem.demand_kw, PlanPrices.energy(ENERGY, np.full(2, 92.0), 9))
+        planner(problem.state, problem.demand_kw, PlanPrices.energy(ENERGY, 2, 9))
     after = planner.state_dict()
     assert before["turn"] == after["turn"]
     np.testing.assert_array_equal(before["plan_kw"], after["plan_kw"])
@@ -294,7 +294,7 @@ def test_a_plan_in_money_keeps_charge_for_the_expensive_hour() -> None:
         return DT_H * float((roll.availability_loss_kw + roll.derating_loss_kw)[:, 4:].sum())
 
     assert missing_late_kwh(prices) < 5.0
-    assert missing_late_kwh(PlanPrices.energy(ENERGY, np.full(2, 92.0), 8)) > 20.0
+    assert missing_late_kwh(PlanPrices.energy(ENERGY, 2, 8)) > 20.0
 
 
 def test_a_start_of_an_inverter_is_paid_once_and_only_where_it_was_off() -> None:
@@ -313,7 +313,7 @@ def test_forecast_errors_raise_the_relative_error_and_are_forgotten_in_time() ->
     """A demand a fifth above its forecast, then a lost inverter, then nothing unforeseen for a week."""
     system, demand = bess.System.reference(2), np.full(8, 60.0)
     planner = Planner(system, 8, DT_H, rollouts=0)
-    prices, state = PlanPrices.energy(ENERGY, np.full(2, 92.0), 8), bess.State([0.5, 0.5], [25.0, 25.0])
+    prices, state = PlanPrices.energy(ENERGY, 2, 8), bess.State([0.5, 0.5], [25.0, 25.0])
     seen = []
     for limit_kw in [[92.0, 92.0]] * 3 + [[92.0, 46.0]]:
         planner(state, np.concatenate([[72.0], demand[1:]]), prices, limit_kw=limit_kw)
@@ -334,7 +334,7 @@ def test_steps_that_are_passed_together_have_the_error_of_those_passed_one_by_on
     errors = []
     for rows in ([rows_kw], np.split(rows_kw, 8)):
         planner = Planner(system, n_steps, DT_H, rollouts=0, proof_cells=None)
-        state, prices = bess.State([0.5, 0.5], [25.0, 25.0]), PlanPrices.energy(ENERGY, np.full(2, 92.0), n_steps)
+        state, prices = bess.State([0.5, 0.5], [25.0, 25.0]), PlanPrices.energy(ENERGY, 2, n_steps)
         planner(state, np.full(n_steps, 60.0), prices, limit_kw=limit_kw)
         for each_kw in rows:
             planner.advance(each_kw)

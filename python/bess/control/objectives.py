@@ -97,8 +97,8 @@ class Objectives(PublicSection):
         Weight of undelivered energy over losses; kind ``"energy"`` only, 3 by default.
     start_kwh : float or None
         Cost of an inverter start in plans [kWh of losses]; kind ``"energy"`` only. The default is 0.15 for
-        inverters of 92 kW, and in proportion to nominal power for others (:meth:`start_kwh_of`). A certified
-        split ignores it, because its horizon is short.
+        inverters of 92 kW; ``mpc`` and :func:`bess.plan_power` take others in proportion
+        (:meth:`for_inverters`). A certified split ignores it, because its horizon is short.
     normalisation : {"constant", "payoff", "energy"}
         Divisor of each loss. ``"constant"``: its value at nominal power on every string and step, so that a
         kWh has the same weight in every string. ``"payoff"``: its range over the optima of the single
@@ -183,13 +183,15 @@ class Objectives(PublicSection):
             raise ValueError("at least one weight must be positive")
         return self
 
-    def start_kwh_of(self, nominal_kw: Array) -> float:
-        """Return the cost of a start of inverters of this nominal power [kWh of losses].
+    def for_inverters(self, nominal_kw: Array) -> Self:
+        """Return these objectives for inverters of this nominal power, of shape ``(n_strings,)``.
 
-        A plant of twice the size has the same plans, twice: the default is in proportion to the mean.
+        The default price of a start is in proportion to the mean: a plant of twice the size has the same
+        plans, twice.
         """
-        given = self.start_kwh or 0.0
-        return given if "start_kwh" in self.model_fields_set else given * float(nominal_kw.mean()) / _START_KW
+        if self.kind != "energy" or "start_kwh" in self.model_fields_set:
+            return self
+        return self.model_copy(update={"start_kwh": START_KWH * (float(nominal_kw.mean()) / _START_KW)})
 
     @property
     def members(self) -> tuple[Objective, Objective, Objective, Objective]:

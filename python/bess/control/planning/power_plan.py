@@ -96,5 +96,5 @@ def plan_power(
         )
     n_steps = demand_of_steps(demand_kw).size
     planner = planner_of_known_demand(system, n_steps, dt_h)
-    prices = PlanPrices.energy(goals, system.nominal_kw, n_steps)
+    prices = PlanPrices.energy(goals.for_inverters(system.nominal_kw), system.n_strings, n_steps)
     return planner(state, demand_kw, prices, ambient_c=ambient_c, limit_kw=limit_kw)

@@ -39,14 +39,11 @@ class PlanPrices:
     start: float = 0.0
 
     @classmethod
-    def energy(cls, objectives: Objectives, nominal_kw: Array, n_steps: int) -> PlanPrices:
-        """Weights of the objectives, equal in all steps (docs/foresight.md, eq. F1).
-
-        ``nominal_kw`` is the nominal power of the inverters, of shape ``(n_strings,)``.
-        """
+    def energy(cls, objectives: Objectives, n_strings: int, n_steps: int) -> PlanPrices:
+        """Weights of the objectives, equal in all steps (docs/foresight.md, eq. F1)."""
         weights = np.array([objective.weight for objective in objectives.members])
-        losses = np.broadcast_to(weights, (n_steps, 4)).copy()
-        return cls(losses, np.zeros(nominal_kw.size), objectives.start_kwh_of(nominal_kw))
+        start = objectives.start_kwh or 0.0
+        return cls(np.broadcast_to(weights, (n_steps, 4)).copy(), np.zeros(n_strings), start)
 
     @classmethod
     def money(

@@ -49,7 +49,7 @@ class PlannedPolicy(Checkpointed):
                 'priority, or set policy.mode = "certified"'
             )
         self._planner = planner
-        self._objectives = objectives
+        self._objectives = objectives.for_inverters(planner.system.nominal_kw)
         self._terms = terms
         self._wear = WearRates(planner.system)
         self._ran: NDArray[np.bool_] | None = None
@@ -114,8 +114,8 @@ class PlannedPolicy(Checkpointed):
 
     def _prices(self, inputs: PolicyInput) -> PlanPrices:
         if self._objectives.kind != "money":
-            nominal_kw = self._planner.system.nominal_kw
-            return PlanPrices.energy(self._objectives, nominal_kw, inputs.demand_kw.size)
+            n_strings, n_steps = inputs.limit_kw.size, inputs.demand_kw.size
+            return PlanPrices.energy(self._objectives, n_strings, n_steps)
         if inputs.price_eur_mwh is None:
             raise InputError(NO_PRICES)
         return PlanPrices.money(

@@ -158,7 +158,7 @@ def _plans(system: System, n_steps: int, dt_h: float, price_passes: int) -> Func
     """Return a policy: plans of a known demand without a warm start, each followed for most of its length."""
     make = partial(planner_of_known_demand, system, n_steps, dt_h, price_passes, proof_cells=None)
     goals = Objectives.energy(shortfall=1.0, start_kwh=0.0)
-    prices = PlanPrices.energy(goals, system.nominal_kw, n_steps)
+    prices = PlanPrices.energy(goals, system.n_strings, n_steps)
     requests_kw: list[Array] = []
 
     def next_request_kw(inputs: PolicyInput) -> Array:
