@@ -226,11 +226,18 @@ def _sentence(everything: Mapping[str, Mapping[str, Score]]) -> str:
     behind = {name: behind_rules(scores, "mpc") for name, scores in everything.items()}
     costs = [cost for cost, _ in behind.values()]
     won = [f"`{name}`" for name, (cost, less) in behind.items() if cost > WINS or less > WINS]
+    days = {name: study.run.days or np.nan for name, study in scenarios(everything).items()}
+    starts = {
+        policy: np.mean([scores[policy].starts / days[name] for name, scores in everything.items()])
+        for policy in ("mpc", "equal", "priority")
+    }
     return (
         f"In the mean over {len(behind)} scenarios `mpc` costs {100.0 * abs(np.mean(costs)):.1f} % "
         f"{'less' if np.mean(costs) < 0.0 else 'more'} than the best rule of each, at worst "
         f"{100.0 * max(costs):+.1f} %. A rule wins (by more than {100.0 * WINS:g} %, in cost or in energy "
-        f"delivered) in {f'{len(won)}: ' + ', '.join(won) if won else 'none'}."
+        f"delivered) in {f'{len(won)}: ' + ', '.join(won) if won else 'none'}. Inverters start "
+        f"{starts['mpc']:.0f} times a day under `mpc` ({starts['equal']:.0f} under `equal`, "
+        f"{starts['priority']:.0f} under `priority`)."
     )
 
 
