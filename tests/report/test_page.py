@@ -170,8 +170,11 @@ def test_the_numbers_of_the_first_screen_are_those_of_the_record(tmp_path: Path)
     def kwh(*names: str) -> float:
         return float(sum(data[f"{name}_loss_kw"].values.sum() for name in names)) * 0.25
 
+    def number(value: float) -> str:
+        return f"{value:,.0f}" if value >= 100.0 or value == 0.0 else f"{value:,.1f}"
+
     def said(value: float) -> str:
-        return f"{value:,.0f} kWh" if value >= 100.0 else f"{value:,.1f} kWh"
+        return f"{number(value)} kWh"
 
     lost = kwh("availability", "derating", "inverter", "battery")
     name, best = min(((rule, run.kpis["lost_kwh"]) for rule, run in runs.items()), key=lambda pair: pair[1])
@@ -184,7 +187,7 @@ def test_the_numbers_of_the_first_screen_are_those_of_the_record(tmp_path: Path)
     assert f"than the best rule, {name}" in text
     assert f"Peak string temperature{data['temperature_c'].values.max():.1f} °C" in text
     undelivered = kwh("availability", "derating")
-    assert f"{undelivered:,.0f} undelivered + {kwh('inverter'):,.0f} inverters" in text
+    assert f"{number(undelivered)} undelivered + {number(kwh('inverter'))} inverters" in text
     power = data["delivered_kw"].values
     for word, sign in (("Charged", -1.0), ("Discharged", 1.0)):
         asked = 0.25 * np.maximum(sign * data["demand_kw"].values, 0.0).sum()

@@ -105,12 +105,12 @@ def test_net_income_is_what_the_entries_beside_it_add_up_to(tmp_path: Path) -> N
     write_run(tmp_path / "run", data)
     runs = runs_in(tmp_path / "run")[0]
     (sentence,) = [text for text in summary(runs) if text.startswith("Net income")]
-    net, *entries = (float(found.replace(",", "")) for found in re.findall(r"(-?[\d,]+) EUR", sentence))
+    net, *entries = (float(found.replace(",", "")) for found in re.findall(r"(-?[\d,.]+) EUR", sentence))
     earned = len(re.findall(" EUR", sentence.split(" less ")[0])) - 1
     assert "capacity revenue" in sentence and "penalty" in sentence
     assert sum(entries[:earned]) - sum(entries[earned:]) == pytest.approx(net, abs=3.0)
     (tile,) = [tile for tile in tiles(runs["demo"]) if tile.label == "Net income"]
-    revenue, costs = (float(found.replace(",", "")) for found in re.findall(r"-?[\d,]+", tile.detail))
+    revenue, costs = (float(found.replace(",", "")) for found in re.findall(r"-?[\d,.]+", tile.detail))
     assert revenue == pytest.approx(sum(entries[:earned]), abs=2.0)
     assert costs == pytest.approx(sum(entries[earned:]), abs=3.0)
 
@@ -121,9 +121,9 @@ def test_money_for_charging_at_negative_prices_is_no_cost_with_a_minus(tmp_path:
     write_run(tmp_path / "run", data)
     runs = runs_in(tmp_path / "run")[0]
     (sentence,) = [text for text in summary(runs) if text.startswith("Net income")]
-    assert re.search(r"from discharge revenue \d+ EUR and negative charge cost \d+ EUR less", sentence)
+    assert re.search(r"from discharge revenue [\d.]+ EUR and negative charge cost [\d.]+ EUR less", sentence)
     (tile,) = [tile for tile in tiles(runs["demo"]) if tile.label == "Net income"]
-    assert re.fullmatch(r"[\d,]+ revenue, -[\d,]+ costs", tile.detail)
+    assert re.fullmatch(r"[\d,.]+ revenue, -[\d,.]+ costs", tile.detail)
 
 
 def test_what_limits_the_plant_is_its_largest_loss_with_the_hours_and_energy_of_the_record(

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.axes import Axes
 
 import bess
-from bess.display import few, rounded
+from bess.display import amount, few, rounded
 
 
 def test_two_digits_have_no_exponent() -> None:
@@ -18,6 +18,12 @@ def test_two_digits_have_no_exponent() -> None:
     texts = [rounded(value) for value in (100.0, 243.0, 2.41, 0.0123, 0.0, float("nan"))]
     assert texts == ["100", "240", "2.4", "0.012", "0", "nan"]
     assert few([1984.0, 12.34], "kW") == "1980, 12.3 kW"
+
+
+def test_amounts_of_small_plants_have_a_decimal() -> None:
+    """The first screen of a plant of 10 kW read "6 kWh: 0 undelivered + 4 inverters + 2 cells"."""
+    texts = [amount(value) for value in (0.0, -0.01, 3.84, -2.06, 99.96, 1752.3)]
+    assert texts == ["0", "0", "3.8", "-2.1", "100", "1,752"]
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bess.arrays import Array
 from bess.control.policies.planned import PLANNED
+from bess.display import amount
 from bess.plant.flows import Limit
 from bess.report.data import step_h
 from bess.report.runs import Run
@@ -44,11 +45,11 @@ def _service(run: Run) -> Iterator[Tile]:
     if is_reserve(data):
         sold_kw = float(data["capacity_kw"].values.mean())
         hours = data.sizes["time"] * step_h(data)
-        yield Tile("Reserve sold", _whole(sold_kw), "kW", f"on average of {hours:,.0f} h")
+        yield Tile("Reserve sold", amount(sold_kw), "kW", f"on average of {hours:,.0f} h")
         yield _tile("outside_window_h", kpis, "in which the strings could not sustain the full reserve")
         if sold_kw > 0.0 and "net_eur" in kpis:
             per_mw = kpis["net_eur"] / (sold_kw / _KW_PER_MW)
-            yield Tile("Net per MW of reserve", _whole(per_mw), "EUR/MW", f"{per_mw / hours:.2f} EUR/MW/h")
+            yield Tile("Net per MW of reserve", amount(per_mw), "EUR/MW", f"{per_mw / hours:.2f} EUR/MW/h")
     if is_site(data):
         yield _tile("peak_draw_kw", kpis, f"without the plant {_quantity('peak_before_kw', kpis)}")
         if "self_consumption_pct" in kpis:
@@ -75,7 +76,7 @@ def _years(run: Run) -> Iterator[Tile]:
             yield Tile("To end of life", f"{life:.1f}", "years", detail)
         yield Tile("Capacity left", f"{100.0 * left:.1f}", "%", "of the string with the lowest capacity")
     if "cash_npv_eur" in kpis and "investment_eur" in kpis:
-        detail = f"{_whole(kpis['investment_eur'])} EUR of new batteries paid, residual value added"
+        detail = f"{amount(kpis['investment_eur'])} EUR of new batteries paid, residual value added"
         yield _tile("cash_npv_eur", kpis, detail)
     for name in ("round_trip_efficiency_margin", "availability_margin", "throughput_left_mwh"):
         if f"contract_{name}" in kpis:
@@ -95,16 +96,16 @@ def _every(run: Run) -> Iterator[Tile]:
         "inverter_loss_kwh": "inverters",
         "battery_loss_kwh": "cells",
     }
-    detail = " + ".join(f"{_whole(kpis[name])} {where}" for name, where in parts.items())
+    detail = " + ".join(f"{amount(kpis[name])} {where}" for name, where in parts.items())
     if kpis["unmet_kwh"] >= _MIN_UNMET_KWH:
-        detail += f"; besides, {_whole(kpis['unmet_kwh'])} unmet"
+        detail += f"; besides, {amount(kpis['unmet_kwh'])} unmet"
     yield _tile("lost_kwh", kpis, detail)
     if "gain_kwh" in kpis and run.gain_rule != run.policy:
-        yield _tile("gain_kwh", kpis, f"{run.gain_rule}: {_whole(kpis['lost_kwh'] + kpis['gain_kwh'])} kWh")
+        yield _tile("gain_kwh", kpis, f"{run.gain_rule}: {amount(kpis['lost_kwh'] + kpis['gain_kwh'])} kWh")
     if "net_eur" in kpis:
         revenue = sum(kpis.get(name, 0.0) for name in REVENUES)
         costs = revenue - kpis["net_eur"]
-        detail = f"{_whole(revenue)} revenue{' −' if costs >= 0.0 else ','} {_whole(costs)} costs"
+        detail = f"{amount(revenue)} revenue{' −' if costs >= 0.0 else ','} {amount(costs)} costs"
         yield _tile("net_eur", kpis, detail)
     if "round_trip_efficiency_pct" in kpis:
         yield _tile("round_trip_efficiency_pct", kpis, "grid to grid, standby and cooling included")
@@ -119,16 +120,12 @@ def _every(run: Run) -> Iterator[Tile]:
 
 def _tile(name: str, kpis: Kpis, detail: str) -> Tile:
     entry = kpi(name)
-    number = _whole(kpis[name]) if entry.unit in ("kWh", "EUR") else entry.number(kpis[name])
+    number = amount(kpis[name]) if entry.unit in ("kWh", "EUR") else entry.number(kpis[name])
     return Tile(entry.label, number, entry.unit, detail)
 
 
 def _quantity(name: str, kpis: Kpis) -> str:
     return kpi(name).quantity(kpis[name])
-
-
-def _whole(value: float) -> str:
-    return f"{value + 0.0:,.0f}"
 
 
 _MIN_NAMED_SHARE = 0.15

@@ -11,7 +11,7 @@ import numpy as np
 
 from bess.control.policies.planned import PLANNED
 from bess.control.policies.settings import DEFAULT_FORESIGHT_H
-from bess.display import rounded
+from bess.display import amount, rounded
 from bess.errors import by_reason
 from bess.report.contents import MAX_COMPARED_RUNS
 from bess.report.data import events_of, operation_of, step_h
@@ -100,7 +100,7 @@ def _one_run(run: Run) -> Iterator[str]:
         earned = [*_entries_eur(kpis, REVENUES, 1.0), *_entries_eur(kpis, COSTS, -1.0)]
         spent = [*_entries_eur(kpis, COSTS, 1.0), *_entries_eur(kpis, REVENUES, -1.0)]
         yield (
-            f"Net income: {kpis['net_eur']:,.0f} EUR, from {' and '.join(earned) or 'no revenue'} "
+            f"Net income: {amount(kpis['net_eur'])} EUR, from {' and '.join(earned) or 'no revenue'} "
             f"less {', '.join(spent) or 'no costs'}."
         )
 
@@ -109,9 +109,9 @@ def _entries_eur(kpis: Mapping[str, float], names: Iterable[str], sign: float) -
     """The entries of a ledger with this sign that are not zero, each with its name."""
     return [
         f"{'' if sign > 0.0 else 'negative '}{kpi(name).label[0].lower()}{kpi(name).label[1:]} "
-        f"{sign * kpis[name]:,.0f} EUR"
+        f"{amount(sign * kpis[name])} EUR"
         for name in names
-        if sign * kpis.get(name, 0.0) >= 0.5
+        if sign * kpis.get(name, 0.0) >= 0.05
     ]
 
 
@@ -218,7 +218,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _kwh(value: float) -> str:
-    return f"{value:,.0f} kWh" if value >= 100.0 else f"{value:,.1f} kWh"
+    return f"{amount(value)} kWh"
 
 
 def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
@@ -384,8 +384,9 @@ def _circumstances(run: Run) -> dict[str, tuple[str, str]]:
         "version": str(run.identity["version"]),
     }
     files = run.identity.get("files", {})
+    size = f"{system.n_strings} strings, {rounded(kw, 4)} kW, {rounded(kwh, 4)} kWh"
     return {
-        "system": (str(sorted(leaves(plant))), f"{system.n_strings} strings, {kw:.4g} kW, {kwh:.4g} kWh"),
+        "system": (str(sorted(leaves(plant))), size),
         **{key: (files.get(value, value), Path(value).name if value in files else value)
            for key, value in shown.items()},
     }  # fmt: skip

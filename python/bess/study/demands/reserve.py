@@ -22,6 +22,7 @@ from bess.dispatch import (
 from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.markets import four_hour_blocks
 from bess.dispatch.synthetic import frequency_deviation, market_prices
+from bess.display import rounded
 from bess.errors import InputError
 from bess.files import Fill
 from bess.study.demands.source import (
@@ -153,8 +154,8 @@ class FcrDemand(DemandSection):
         if window.low_kwh >= window.high_kwh:
             raise InputError(
                 f"demand.capacity_kw = {capacity_kw:g} kW for demand.duration_min = {self.duration_min:g} "
-                f"min in either direction needs more than the {capacity_kwh:.4g} kWh of the plant; reduce "
-                "the reserve"
+                f"min in either direction needs more than the {rounded(capacity_kwh, 4)} kWh of the plant; "
+                "reduce the reserve"
             )
         return window
 

@@ -11,6 +11,7 @@ from pydantic import model_validator
 from bess.arrays import Array
 from bess.dispatch import SITES, Forecast, GridPowerTarget, PeakTariff, StorageEstimator, min_peak_kw
 from bess.dispatch.connection import QUARTER_S
+from bess.display import rounded
 from bess.errors import InputError
 from bess.files import Fill
 from bess.study.demands.source import (
@@ -127,7 +128,7 @@ class PeakShavingDemand(SiteDemand):
         else:
             target_kw = np.full(n_steps, self.limit_kw)
         found = "as given" if self.limit_kw else "the minimum with perfect forecast"
-        limits = " and ".join(f"{each:.4g}" for each in dict.fromkeys(target_kw.tolist()))
+        limits = " and ".join(rounded(each, 4) for each in dict.fromkeys(target_kw.tolist()))
         setting.note(f"limit of the grid connection: {limits} kW, {found}")
         series = {"grid_limit_kw": target_kw}
         if site.tariff is None:
@@ -209,7 +210,7 @@ def site_of(meter: MeterSection, setting: Setting, grid: TimeGrid | None = None)
         reading = meter.model_dump(include={"unit", "time_zone", "fill"})
         given = setting.power_of(name, f"{place}.{key}", SITES, scale=scale, column=column, **reading)
         low, high = given.values.min(), given.values.max()
-        setting.note(f"{key}: {given.what}, {low:.4g} to {high:.4g} kW", given)
+        setting.note(f"{key}: {given.what}, {rounded(low, 4)} to {rounded(high, 4)} kW", given)
         grid = grid or setting.grid_of(given)
         power_kw[key] = given.on(grid, repeat=meter.repeat)
     assert grid is not None
