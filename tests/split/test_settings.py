@@ -116,9 +116,3 @@ def test_a_bad_setting_is_refused_with_its_key(values, message):
     with pytest.raises(bess.InputError) as caught:
         bess.load_study("case1", values)
     assert message in str(caught.value)
-
-
-def test_a_system_file_may_still_carry_the_former_availability_epsilon():
-    document = bess.System.reference().document
-    document["battery"]["availability_epsilon"] = 1e-3
-    assert bess.System(document).strings == bess.System.reference().strings

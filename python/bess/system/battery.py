@@ -1,9 +1,8 @@
 """Section ``[battery]`` of a system file: one string's battery, with electrical tables at cell level."""
 
 import math
-from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,14 +145,6 @@ class Battery(Section):
     resistance_soc: ResistanceOverSoc | None = None
     resistance_table: ResistanceTable | None = None
     entropy: EntropyTable | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_former_keys(cls, given: Any) -> Any:
-        """Drop ``availability_epsilon``, which had no effect in earlier versions."""
-        if isinstance(given, Mapping):
-            return {key: value for key, value in given.items() if key != "availability_epsilon"}
-        return given
 
     @model_validator(mode="after")
     def _check(self) -> Self:
