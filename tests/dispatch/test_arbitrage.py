@@ -250,3 +250,9 @@ def test_the_limits_of_the_grid_connection_hold_in_each_direction():
     assert revenue(both, price) == pytest.approx(revenue(smaller, price))
     with pytest.raises(InputError, match=r"max_import_kw -1\.0 kW must be finite and above 0 kW"):
         planner(price, max_import_kw=-1.0)
+
+
+def test_the_smallest_prices_are_traded_as_all_others_are() -> None:
+    """Prices below the tolerance of the solver were not traded at all."""
+    price = np.random.default_rng(2).normal(60.0, 40.0, 24)
+    np.testing.assert_array_equal(planner(2.0**-20 * price).plan(0, 80.0), planner(price).plan(0, 80.0))

@@ -92,3 +92,13 @@ def test_invalid_arguments_of_store_value_are_refused(arguments: dict[str, objec
 def test_a_step_in_seconds_is_no_step_in_hours() -> None:
     with pytest.raises(bess.InputError, match="steps of 900 h are longer than 24 h; give dt_h in hours"):
         bess.store_value(PRICES, dt_h=900)
+
+
+@pytest.mark.parametrize("currency", [2.0**-10, 2.0**-3, 2.0**10])
+def test_another_currency_has_the_same_schedule(currency: float) -> None:
+    """Equal prices of the quarters of an hour leave a choice, which was another one in each currency."""
+    prices = PRICES[:96].round(2).repeat(4)
+    euros, others = (bess.store_value(one * prices, cycles=4.0) for one in (1.0, currency))
+    np.testing.assert_array_equal(others.power_kw, euros.power_kw)
+    assert others.net_eur == currency * euros.net_eur
+    assert others.cycle_price_eur == currency * euros.cycle_price_eur

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bess
@@ -105,3 +106,25 @@ def test_a_study_that_cannot_be_planned_is_refused(values: dict[str, Any], says:
 def test_a_run_that_cannot_be_planned_is_refused(values: dict[str, Any], says: str) -> None:
     with pytest.raises(bess.InputError, match=says):
         run({"run.days": 0.125, **values})
+
+
+def test_a_run_in_another_currency_has_the_same_set_points(tmp_path: Path) -> None:
+    """Nine hours, prices in part below zero, in units of 1,024 EUR: set-points differed by up to 1.1 kW."""
+    hours = pd.date_range("2024-06-01", periods=24, freq="1h", tz="UTC")
+    price = 30.0 - 50.0 * np.cos(np.arange(24) / 4.0)
+
+    def run(unit: float) -> bess.Result:
+        path = tmp_path / f"{unit}.csv"
+        pd.Series(unit * price, hours, name="price_eur_mwh").rename_axis("time").to_csv(path)
+        fees = {"shortfall_eur_mwh": 50.0, "charge_fee_eur_mwh": 4.0, "start_eur": 0.05}
+        values = {f"settlement.{name}": unit * eur for name, eur in fees.items()} | {
+            "demand.prices": str(path),
+            "wear.eur_per_mwh": unit * 12.0,
+            "run.days": 0.375,
+        }
+        return bess.run(bess.load_study("arbitrage-2024", values), progress=False)
+
+    euros, others = run(1.0), run(2.0**-10)
+    for name in ("demand_kw", "request_kw", "soc"):
+        np.testing.assert_array_equal(others.dataset[name], euros.dataset[name])
+    assert others.kpis["net_eur"] == 2.0**-10 * euros.kpis["net_eur"]

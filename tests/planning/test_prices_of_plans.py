@@ -5,7 +5,7 @@ import pytest
 
 import bess
 from bess.control.planning import PlanPrices
-from bess.control.planning.prices import MIN_LOSS_EUR_KWH
+from bess.control.planning.prices import MIN_LOSS_PRICE
 from bess.system.terms import SettlementTerms
 
 AVAILABILITY, DERATING, INVERTER, BATTERY = range(4)
@@ -36,8 +36,24 @@ def test_a_shortfall_costs_what_the_ledger_counts() -> None:
 
 
 def test_no_price_makes_losses_welcome() -> None:
-    prices = prices_of(SettlementTerms(), [-100.0, 20.0], [-50.0, 50.0])
-    assert prices.losses[:, INVERTER].tolist() == [MIN_LOSS_EUR_KWH] * 2
+    for price, usual_eur_mwh in (([-100.0, 20.0], 60.0), ([0.0, 0.0], 50.0)):  # the second: of a shortfall
+        prices = prices_of(SettlementTerms(), price, [-50.0, 50.0])
+        np.testing.assert_allclose(prices.losses[:, INVERTER] * 1000.0, MIN_LOSS_PRICE * usual_eur_mwh)
+
+
+@pytest.mark.parametrize("currency", [2.0**-10, 2.0**10])
+def test_a_plan_does_not_depend_on_the_currency(currency: float) -> None:
+    """Some energy is free, as at noon; the minimum price of losses was 0.001 in any currency."""
+    euros, others = (
+        prices_of(
+            SettlementTerms(shortfall_eur_mwh=30.0 * one, charge_fee_eur_mwh=4.0 * one, start_eur=0.1 * one),
+            [80.0 * one, -20.0 * one, -10.0 * one, 90.0 * one],
+            [50.0, -50.0, -30.0, 50.0],
+        )
+        for one in (1.0, currency)
+    )
+    np.testing.assert_array_equal(others.losses, euros.losses * currency)
+    assert others.start == euros.start * currency
 
 
 def test_weights_multiply_the_prices_of_their_losses() -> None:

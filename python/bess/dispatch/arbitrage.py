@@ -321,7 +321,7 @@ class Arbitrage:
 
     def weight(self, price: Array) -> float:
         """Cost in the program of an EUR/MWh over an hour at full power."""
-        return 1.0 / (self.dt_h * max(1.0, float(np.abs(price).max())))
+        return 1.0 / (self.dt_h * (float(np.abs(price).max()) or 1.0))
 
 
 def calendar_days(index: pd.DatetimeIndex, time_zone: str | tzinfo) -> npt.NDArray[np.int64]:

@@ -128,14 +128,15 @@ def store_value(
     if dt_h > 24.0:
         raise InputError(f"store_value: steps of {dt_h:g} h are longer than 24 h; give dt_h in hours")
     price, dt_h = price_steps(prices, dt_h)
-    # In per unit: power over power_kw, energy over power_kw times 1 h.
+    # In per unit: power over power_kw, energy over power_kw times 1 h, prices over the largest.
     one_way, capacity, initial = float(np.sqrt(round_trip)), energy_kwh / power_kw, initial_kwh / power_kw
-    eur = price * dt_h
+    largest = float(np.abs(price).max()) or 1.0
+    unit_eur, cost = largest * power_kw / KWH_PER_MWH, price * (dt_h / largest)
     program = StoreProgram(
         np.full(price.size, dt_h),
         one_way,
         initial,
-        cost=(eur, -eur),
+        cost=(cost, -cost),
         max_power=(1.0, 1.0),
         capacity=capacity,
     )
@@ -150,10 +151,10 @@ def store_value(
         program.at_most(cycles * capacity, (program.charge, one_way * dt_h))
     best = program.solve()
     return StoreValue(
-        net_eur=-best.cost * power_kw / KWH_PER_MWH,
+        net_eur=-best.cost * unit_eur,
         power_kw=power_kw * (best.discharge - best.charge),
         stored_kwh=power_kw * best.stored,
-        cycle_price_eur=0.0 if cycles is None else float(best.duals[-1]) * energy_kwh / KWH_PER_MWH,
+        cycle_price_eur=0.0 if cycles is None else float(best.duals[-1]) * capacity * unit_eur,
     )
 
 

@@ -12,8 +12,9 @@ from bess.errors import InputError
 from bess.system.terms import SettlementTerms
 from bess.units import KWH_PER_MWH
 
-MIN_LOSS_EUR_KWH = 1e-3
-"""Minimum price of losses [EUR/kWh]: otherwise losses would be ignored while energy is free."""
+MIN_LOSS_PRICE = 0.01
+"""Minimum price of losses, as a share of the mean magnitude of the purchase price over the horizon: otherwise
+losses would be ignored while energy is free."""
 
 SOC_DEPENDENT_WEIGHT = 0.1
 """Weight of availability losses for SOC-dependent demand, relative to fixed demand. At 0, plans rely on full
@@ -88,8 +89,9 @@ class PlanPrices:
         if not (np.isfinite(price_eur_mwh).all() and np.isfinite(demand_kw).all()):
             raise InputError("prices and demand of a plan must be finite")
         undelivered = terms.shortfall_price_eur_mwh(price_eur_mwh) / KWH_PER_MWH
-        replacement = _replacement_price_eur_mwh(terms.charge_price_eur_mwh(price_eur_mwh), demand_kw)
-        loss = np.maximum(replacement / KWH_PER_MWH, MIN_LOSS_EUR_KWH)
+        buy = terms.charge_price_eur_mwh(price_eur_mwh) / KWH_PER_MWH
+        usual = float(np.abs(buy).mean()) or float(undelivered.mean())
+        loss = np.maximum(_replacement_price(buy, demand_kw), MIN_LOSS_PRICE * usual)
         losses = np.empty((price_eur_mwh.size, 4))
         losses[:, :2], losses[:, 2:] = undelivered[:, None], loss[:, None]
         weights = np.array([objective.weight for objective in objectives.members])
@@ -106,11 +108,11 @@ class PlanPrices:
         return replace(self, losses=losses)
 
 
-def _replacement_price_eur_mwh(buy_eur_mwh: Array, demand_kw: Array) -> Array:
-    """Price of replacing the losses of each step [EUR/MWh]."""
+def _replacement_price(buy: Array, demand_kw: Array) -> Array:
+    """Price of replacing the losses of each step, in the unit of the purchase price ``buy``."""
     charging_kw = np.maximum(-demand_kw, 0.0)
     # Sums from each step to the end.
     power = np.cumsum(charging_kw[::-1])[::-1]
-    paid = np.cumsum((charging_kw * buy_eur_mwh)[::-1])[::-1]
-    median = np.full(buy_eur_mwh.size, np.median(buy_eur_mwh))
+    paid = np.cumsum((charging_kw * buy)[::-1])[::-1]
+    median = np.full(buy.size, np.median(buy))
     return np.asarray(np.divide(paid, power, out=median, where=power > 0.0))
