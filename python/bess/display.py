@@ -43,7 +43,7 @@ def rounded(value: float, digits: int = 2) -> str:
 def amount(value: float) -> str:
     """Return an amount of kWh or EUR, with a decimal below a hundred: 3.8, 240, 1,752."""
     text = f"{value:,.1f}" if abs(value) < 99.95 else f"{value:,.0f}"
-    return text if value and text not in ("0.0", "-0.0") else "0"
+    return "0" if text in ("0.0", "-0.0") else text
 
 
 def few(values: Iterable[float], unit: str = "") -> str:
