@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.arrays import Array, Flags
+from bess.arrays import Array
 from bess.simulation.hindsight.cells import CHARGE, DISCHARGE
 from bess.simulation.hindsight.relaxed_string import (
     MAX_TEMPERATURE_K,
@@ -122,13 +122,10 @@ def lower_bound(
     rates = thermal_rates(system, step_s)
     coldest_c = min(float(ambient_c.min()), float(state.temperature_c.min()))
     worth = LossWeights(worth.undelivered[active], worth.loss[active], worth.standby[active])
-    common = _Common(active, demand_kw[active], ambient_c - coldest_c, dt_h, worth)
-    program = Program()
     groups = _alike(system, state, limit_kw)
     fine = len(groups) <= _MAX_FINE if fine is None else fine
     by_number = [(1, 1), (2, len(strings))] if fine and len(strings) > 1 else [(1, len(strings))]
-    shares = [_Share(least, most, []) for least, most in by_number]
-    burnt = []
+    program = _Relaxation(active, demand_kw[active], ambient_c - coldest_c, dt_h, worth, by_number)
     for members in groups:
         first = members[0]
         relaxed = relaxed_string(
@@ -140,31 +137,11 @@ def lower_bound(
             soh_capacity=float(state.soh_capacity[first]),
             soh_resistance=float(state.soh_resistance[first]),
         )
-        burnt.append(
-            _group(
-                program,
-                common,
-                relaxed,
-                shares,
-                rates[first].tolist(),
-                state.soc[members],
-                state.temperature_c[members] - coldest_c,
-                limit_kw[active, first],
-            )
-        )
-    delivered = [*burnt, *(running.p for share in shares for running in share.on)]
-    program.at_most(common.asked_kw, *((power, 1.0) for power in delivered))
-    # The number of strings on is `least` to `most` times their share of the step, their power at most this
-    # share of the demand, and the shares add up to one at most.
-    for share in shares:
-        powers = ((running.p, 1.0) for running in share.on)
-        numbers = ((running.o, -common.asked_kw / share.least) for running in share.on)
-        program.at_most(np.zeros(active.size), *powers, *numbers)
-    program.at_most(
-        np.ones(active.size), *((running.o, 1.0 / share.most) for share in shares for running in share.on)
-    )
+        excess_k, max_kw = state.temperature_c[members] - coldest_c, limit_kw[active, first]
+        program.add_group(relaxed, rates[first].tolist(), state.soc[members], excess_k, max_kw)
+    program.close()
     value = program.lower_bound()
-    asked = worth.undelivered * common.asked_kw * dt_h
+    asked = worth.undelivered * program.asked_kw * dt_h
     return value + float(asked.sum()) + constant - _ROUNDING * float(np.abs(asked).sum())
 
 
@@ -175,138 +152,6 @@ def _alike(system: System, state: State, limit_kw: Array) -> list[list[int]]:
         health = (state.soh_capacity[index], state.soh_resistance[index])
         groups.setdefault((kind, health, limit_kw[:, index].tobytes()), []).append(index)
     return list(groups.values())
-
-
-@dataclass(frozen=True)
-class _Common:
-    """Data common to all strings: active steps, their demand and costs; excess of the air in all steps."""
-
-    active: NDArray[np.intp]
-    demand_kw: Array
-    air_k: Array
-    dt_h: float
-    worth: LossWeights
-
-    @property
-    def asked_kw(self) -> Array:
-        return np.abs(self.demand_kw)
-
-    @property
-    def discharging(self) -> Flags:
-        return self.demand_kw > 0.0
-
-    @property
-    def direction(self) -> NDArray[np.intp]:
-        """Row of the coefficients of a direction."""
-        return np.where(self.discharging, DISCHARGE, CHARGE)
-
-    @property
-    def sign(self) -> Array:
-        return np.sign(self.demand_kw)
-
-
-def _group(
-    program: Program,
-    common: _Common,
-    string: RelaxedString,
-    shares: list[_Share],
-    rates: list[float],
-    soc: Array,
-    excess_k: Array,
-    limit_kw: Array,
-) -> NDArray[np.intp]:
-    """Add variables and rows of identical strings, which join ``shares``; return those of burnt power."""
-    dt_h, discharging = common.dt_h, common.discharging
-    count, steps, levels = soc.size, discharging.size, string.energy_kwh.size
-    asked_kw, undelivered, loss = common.asked_kw, common.worth.undelivered, common.worth.loss
-    max_kw = np.minimum(np.minimum(string.nominal_kw, limit_kw), asked_kw)
-    full_kwh = count * string.energy_kwh
-    max_x = np.where(
-        discharging[:, None], full_kwh / (string.ratio[common.direction] * dt_h), asked_kw[:, None]
-    )
-    on: list[_Running] = []
-    for share in shares:
-        typical_kw = np.minimum(max_kw, asked_kw / share.least)
-        limits = _Limits(min(count, share.most), max_kw, typical_kw, max_x)
-        running = [_running(program, common, string, band, limits) for band in string.bands]
-        share.on.extend(running)
-        on.extend(running)
-    # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
-    burnt_kw, burnt_heat_kw = (np.where(discharging, 0.0, count * power_kw) for power_kw in string.burnt_kw)
-    burnt = program.add(steps, upper=np.minimum(burnt_kw, asked_kw), cost=(loss - undelivered) * dt_h)
-    drained_kw = burnt_kw + burnt_heat_kw
-    y = program.add((steps, levels), upper=drained_kw[:, None], cost=(loss * dt_h)[:, None])
-    n = program.add(steps, upper=burnt_heat_kw)
-    program.at_most(drained_kw, (y, 1.0))
-    program.at_most(np.zeros(steps), (n, 1.0), (y, -1.0))
-    # A string is on in one band at most.
-    program.at_most(np.where(max_kw > 0.0, count, 0.0), *((band.o, 1.0) for band in on))
-    _energy(program, common, string, on, y, soc)
-    _temperature(program, common, rates, [n, *(band.h for band in on)], on, excess_k)
-    return burnt
-
-
-def _energy(
-    program: Program,
-    common: _Common,
-    string: RelaxedString,
-    on: list[_Running],
-    y: NDArray[np.intp],
-    soc: Array,
-) -> None:
-    """Add the energy of each level, from the start to the end of the last step."""
-    dt_h, sign, direction = common.dt_h, common.sign[:, None], common.direction
-    full_kwh = soc.size * string.energy_kwh
-    stored_kwh = np.sum([string.stored_kwh(value) for value in soc], axis=0)
-    zero = np.zeros((direction.size, full_kwh.size))
-    e = program.add((direction.size + 1, full_kwh.size), upper=np.vstack([stored_kwh, full_kwh + zero]))
-    before, after = e[:-1], e[1:]
-    flow = sign * string.ratio[direction] * dt_h
-    program.at_most(zero, (after, 1.0), (before, -1.0), *((band.x, flow) for band in on))
-    # A string fills its levels from below.
-    per_kwh = 1.0 / string.energy_kwh
-    program.at_most(zero[:, 1:], (after[:, 1:], per_kwh[1:]), (after[:, :-1], -per_kwh[:-1]))
-    if not string.ages:
-        # Upper limits of losses: stored energy cannot be discarded.
-        flow = sign * string.ratio_against[direction] * dt_h
-        spill = dt_h * string.ratio_against[DISCHARGE]
-        program.at_most(-stored_kwh, (e[0], -1.0))
-        program.at_most(zero, (after, -1.0), (before, 1.0), *((band.x, -flow) for band in on), (y, -spill))
-
-
-def _temperature(
-    program: Program,
-    common: _Common,
-    rates: list[float],
-    heating: list[NDArray[np.intp]],
-    on: list[_Running],
-    excess_k: Array,
-) -> None:
-    """Add the sum ``s`` of excesses, from the start to the end of the last step, and ``q <= s``."""
-    active = common.active
-    keeps, takes, heats = rates
-    full_k = np.full(active.size, excess_k.size * MAX_TEMPERATURE_K)
-    s = program.add(active.size + 1, upper=np.concatenate([[excess_k.sum()], full_k]))
-    air_k = excess_k.size * takes * common.air_k
-    idle_keeps = keeps ** (np.diff(active, prepend=-1) - 1.0)
-    idle_k = _idle(air_k, keeps, active)
-    # Decayed excess + contribution of the air + contribution of heat.
-    for of, left in (([band.q for band in on], 1.0), ([s[1:]], keeps)):
-        program.at_most(
-            left * idle_k + air_k[active],
-            *((excess, 1.0) for excess in of),
-            (s[:-1], -left * idle_keeps),
-            *((heat, -heats) for heat in heating),
-        )
-
-
-class _Limits(NamedTuple):
-    """Limits of the strings that are on: number, power of each, a typical power, and chemical power."""
-
-    number: int
-    max_kw: Array
-    typical_kw: Array
-    max_x: Array
 
 
 class _Running(NamedTuple):
@@ -327,59 +172,169 @@ class _Share(NamedTuple):
     on: list[_Running]
 
 
-def _running(
-    program: Program,
-    common: _Common,
-    string: RelaxedString,
-    band: Band,
-    limits: _Limits,
-) -> _Running:
-    """Add variables and rows of the strings that are on in a band."""
-    count, max_kw, typical_kw, max_x = limits
-    steps, levels, dt_h = common.active.size, string.energy_kwh.size, common.dt_h
-    discharging, direction, sign = common.discharging, common.direction, common.sign
-    asked_kw, worth = common.asked_kw, common.worth
-    root = string.root[direction]
-    cold_s, warm_s = band.conductance[direction].T
-    low_k, high_k = band.theta_k
-    saved_standby = np.where(discharging, worth.standby * string.standby_kw, 0.0)
-    x = program.add((steps, levels), upper=max_x)
-    o = program.add(steps, upper=np.where(max_kw > 0.0, count, 0.0), cost=-saved_standby * dt_h)
-    q = program.add(steps, upper=count * high_k)
-    p = program.add(steps, upper=np.minimum(count * max_kw, asked_kw), cost=-worth.undelivered * dt_h)
-    w = program.add(steps, upper=count * string.nominal_kw, cost=worth.loss * dt_h)
-    h = program.add(steps, upper=np.where(discharging, max_x.sum(axis=1), asked_kw), cost=worth.loss * dt_h)
+class _Relaxation(Program):
+    """The program of a run: active steps, their demand and costs, and the excess of the air in all steps."""
 
-    zero = np.zeros(steps)
-    program.at_most(zero, (q, 1.0), (o, -high_k))
-    program.at_most(zero, (q, -1.0), (o, low_k))
-    # Inverter power = chemical power of the cells + heat.
-    program.at_most(zero, (p, sign), (w, 1.0), (h, 1.0), (x, -sign[:, None]))
-    program.at_most(zero, (p, -sign), (w, -1.0), (h, -1.0), (x, sign[:, None]))
-    if not string.ages:
-        program.at_most(zero, (h, 1.0), (x, -string.max_heat[direction]))
-        first, more = string.max_loss[direction].T
-        program.at_most(zero, (w, 1.0), (o, -first), (p, -more))
-    # Delivered power: limited by demand, inverter and temperature.
-    program.at_most(zero, (p, 1.0), (o, -max_kw))
-    for intercept, slope in zip(*band.derating, strict=True):
-        program.at_most(zero, (p, 1.0), (o, -intercept * max_kw), (q, -slope * max_kw))
-    # Inverter loss.
-    for way in (DISCHARGE, CHARGE):
-        here = np.flatnonzero(direction == way)
-        for intercept, slope in zip(*string.loss[way], strict=True):
-            program.at_most(zero[here], (p[here], slope), (o[here], intercept), (w[here], -1.0))
-    # Heat: tangents below (root x)^2 / G, with the conductance G.
-    for level in _HEAT_LEVELS:
-        touch = level * typical_kw * root[:, levels // 2] / (cold_s + warm_s * (low_k + _TYPICAL_K))
-        program.at_most(
-            zero,
-            (x, 2.0 * touch[:, None] * root),
-            (o, -(touch**2) * cold_s),
-            (q, -(touch**2) * warm_s),
-            (h, -1.0),
+    def __init__(
+        self,
+        active: NDArray[np.intp],
+        demand_kw: Array,
+        air_k: Array,
+        dt_h: float,
+        worth: LossWeights,
+        by_number: list[tuple[int, int]],
+    ) -> None:
+        super().__init__()
+        self.active, self.air_k, self.dt_h, self.worth = active, air_k, dt_h, worth
+        self.asked_kw, self.sign, self.discharging = np.abs(demand_kw), np.sign(demand_kw), demand_kw > 0.0
+        # Row of the coefficients of a direction.
+        self.direction = np.where(self.discharging, DISCHARGE, CHARGE)
+        self.shares = [_Share(least, most, []) for least, most in by_number]
+        self.burnt: list[NDArray[np.intp]] = []
+
+    def close(self) -> None:
+        """Add the rows of all strings together."""
+        delivered = [*self.burnt, *(running.p for share in self.shares for running in share.on)]
+        self.at_most(self.asked_kw, *((power, 1.0) for power in delivered))
+        # The number of strings on is `least` to `most` times their share of the step, their power at most
+        # this share of the demand, and the shares add up to one at most.
+        zero = np.zeros(self.active.size)
+        for share in self.shares:
+            powers = ((running.p, 1.0) for running in share.on)
+            numbers = ((running.o, -self.asked_kw / share.least) for running in share.on)
+            self.at_most(zero, *powers, *numbers)
+        parts = ((running.o, 1.0 / share.most) for share in self.shares for running in share.on)
+        self.at_most(zero + 1.0, *parts)
+
+    def add_group(
+        self, string: RelaxedString, rates: list[float], soc: Array, excess_k: Array, limit_kw: Array
+    ) -> None:
+        """Add variables and rows of identical strings, which join the shares."""
+        dt_h, discharging = self.dt_h, self.discharging
+        count, steps, levels = soc.size, discharging.size, string.energy_kwh.size
+        asked_kw, undelivered, loss = self.asked_kw, self.worth.undelivered, self.worth.loss
+        max_kw = np.minimum(np.minimum(string.nominal_kw, limit_kw), asked_kw)
+        full_kwh = count * string.energy_kwh
+        max_x = np.where(
+            discharging[:, None], full_kwh / (string.ratio[self.direction] * dt_h), asked_kw[:, None]
         )
-    return _Running(x, o, q, p, h)
+        on: list[_Running] = []
+        for share in self.shares:
+            typical_kw = np.minimum(max_kw, asked_kw / share.least)
+            number = min(count, share.most)
+            running = [
+                self._running(string, band, number, max_kw, typical_kw, max_x) for band in string.bands
+            ]
+            share.on.extend(running)
+            on.extend(running)
+        # Strings charged with less than their inverter loss take power without storing it and warm slightly.
+        burnt_kw, burnt_heat_kw = (
+            np.where(discharging, 0.0, count * power_kw) for power_kw in string.burnt_kw
+        )
+        burnt = self.add(steps, upper=np.minimum(burnt_kw, asked_kw), cost=(loss - undelivered) * dt_h)
+        self.burnt.append(burnt)
+        drained_kw = burnt_kw + burnt_heat_kw
+        y = self.add((steps, levels), upper=drained_kw[:, None], cost=(loss * dt_h)[:, None])
+        n = self.add(steps, upper=burnt_heat_kw)
+        self.at_most(drained_kw, (y, 1.0))
+        self.at_most(np.zeros(steps), (n, 1.0), (y, -1.0))
+        # A string is on in one band at most.
+        self.at_most(np.where(max_kw > 0.0, count, 0.0), *((band.o, 1.0) for band in on))
+        self._energy(string, on, y, soc)
+        self._temperature(rates, [n, *(band.h for band in on)], on, excess_k)
+
+    def _energy(self, string: RelaxedString, on: list[_Running], y: NDArray[np.intp], soc: Array) -> None:
+        """Add the energy of each level, from the start to the end of the last step."""
+        dt_h, sign, direction = self.dt_h, self.sign[:, None], self.direction
+        full_kwh = soc.size * string.energy_kwh
+        stored_kwh = np.sum([string.stored_kwh(value) for value in soc], axis=0)
+        zero = np.zeros((direction.size, full_kwh.size))
+        e = self.add((direction.size + 1, full_kwh.size), upper=np.vstack([stored_kwh, full_kwh + zero]))
+        before, after = e[:-1], e[1:]
+        flow = sign * string.ratio[direction] * dt_h
+        self.at_most(zero, (after, 1.0), (before, -1.0), *((band.x, flow) for band in on))
+        # A string fills its levels from below.
+        per_kwh = 1.0 / string.energy_kwh
+        self.at_most(zero[:, 1:], (after[:, 1:], per_kwh[1:]), (after[:, :-1], -per_kwh[:-1]))
+        if not string.ages:
+            # Upper limits of losses: stored energy cannot be discarded.
+            flow = sign * string.ratio_against[direction] * dt_h
+            spill = dt_h * string.ratio_against[DISCHARGE]
+            self.at_most(-stored_kwh, (e[0], -1.0))
+            self.at_most(zero, (after, -1.0), (before, 1.0), *((band.x, -flow) for band in on), (y, -spill))
+
+    def _temperature(
+        self, rates: list[float], heating: list[NDArray[np.intp]], on: list[_Running], excess_k: Array
+    ) -> None:
+        """Add the sum ``s`` of excesses, from the start to the end of the last step, and ``q <= s``."""
+        active = self.active
+        keeps, takes, heats = rates
+        full_k = np.full(active.size, excess_k.size * MAX_TEMPERATURE_K)
+        s = self.add(active.size + 1, upper=np.concatenate([[excess_k.sum()], full_k]))
+        air_k = excess_k.size * takes * self.air_k
+        idle_keeps = keeps ** (np.diff(active, prepend=-1) - 1.0)
+        idle_k = _idle(air_k, keeps, active)
+        # Decayed excess + contribution of the air + contribution of heat.
+        for of, left in (([band.q for band in on], 1.0), ([s[1:]], keeps)):
+            self.at_most(
+                left * idle_k + air_k[active],
+                *((excess, 1.0) for excess in of),
+                (s[:-1], -left * idle_keeps),
+                *((heat, -heats) for heat in heating),
+            )
+
+    def _running(
+        self, string: RelaxedString, band: Band, count: int, max_kw: Array, typical_kw: Array, max_x: Array
+    ) -> _Running:
+        """Add variables and rows of the strings that are on in a band: ``count`` of them at most.
+
+        Each has a power of at most ``max_kw``, near ``typical_kw``; ``max_x`` limits their chemical power.
+        """
+        steps, levels, dt_h = self.active.size, string.energy_kwh.size, self.dt_h
+        discharging, direction, sign = self.discharging, self.direction, self.sign
+        asked_kw, worth = self.asked_kw, self.worth
+        root = string.root[direction]
+        cold_s, warm_s = band.conductance[direction].T
+        low_k, high_k = band.theta_k
+        saved_standby = np.where(discharging, worth.standby * string.standby_kw, 0.0)
+        x = self.add((steps, levels), upper=max_x)
+        o = self.add(steps, upper=np.where(max_kw > 0.0, count, 0.0), cost=-saved_standby * dt_h)
+        q = self.add(steps, upper=count * high_k)
+        p = self.add(steps, upper=np.minimum(count * max_kw, asked_kw), cost=-worth.undelivered * dt_h)
+        w = self.add(steps, upper=count * string.nominal_kw, cost=worth.loss * dt_h)
+        most_heat_kw = np.where(discharging, max_x.sum(axis=1), asked_kw)
+        h = self.add(steps, upper=most_heat_kw, cost=worth.loss * dt_h)
+
+        zero = np.zeros(steps)
+        self.at_most(zero, (q, 1.0), (o, -high_k))
+        self.at_most(zero, (q, -1.0), (o, low_k))
+        # Inverter power = chemical power of the cells + heat.
+        self.at_most(zero, (p, sign), (w, 1.0), (h, 1.0), (x, -sign[:, None]))
+        self.at_most(zero, (p, -sign), (w, -1.0), (h, -1.0), (x, sign[:, None]))
+        if not string.ages:
+            self.at_most(zero, (h, 1.0), (x, -string.max_heat[direction]))
+            first, more = string.max_loss[direction].T
+            self.at_most(zero, (w, 1.0), (o, -first), (p, -more))
+        # Delivered power: limited by demand, inverter and temperature.
+        self.at_most(zero, (p, 1.0), (o, -max_kw))
+        for intercept, slope in zip(*band.derating, strict=True):
+            self.at_most(zero, (p, 1.0), (o, -intercept * max_kw), (q, -slope * max_kw))
+        # Inverter loss.
+        for way in (DISCHARGE, CHARGE):
+            here = np.flatnonzero(direction == way)
+            for intercept, slope in zip(*string.loss[way], strict=True):
+                self.at_most(zero[here], (p[here], slope), (o[here], intercept), (w[here], -1.0))
+        # Heat: tangents below (root x)^2 / G, with the conductance G.
+        for level in _HEAT_LEVELS:
+            touch = level * typical_kw * root[:, levels // 2] / (cold_s + warm_s * (low_k + _TYPICAL_K))
+            self.at_most(
+                zero,
+                (x, 2.0 * touch[:, None] * root),
+                (o, -(touch**2) * cold_s),
+                (q, -(touch**2) * warm_s),
+                (h, -1.0),
+            )
+        return _Running(x, o, q, p, h)
 
 
 def _idle(air_k: Array, keeps: float, active: NDArray[np.intp]) -> Array:
