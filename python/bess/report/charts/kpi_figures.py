@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, Literal
 
 import numpy as np
@@ -166,44 +166,41 @@ def energy_flow(result: Result) -> Figure:
     return figure
 
 
-def _flow_rows(flow: analysis.EnergyFlow) -> list[tuple[str, float, float, str]]:
+_FLOW_PARTS: Final = {
+    "unmet": ("Unmet demand", style.BACKGROUND),
+    "derating": ("Derating loss", style.DERATING),
+    "availability": ("Availability loss ({})", style.AVAILABILITY),
+    "standby": ("Standby", style.BACKGROUND),
+    "auxiliary": ("Cooling", style.AUXILIARY),
+    "inverter": ("Inverters", style.INVERTER),
+    "battery": ("Batteries", style.BATTERY),
+    "hysteresis": ("Hysteresis", style.HYSTERESIS),
+}
+_MISSING, _BESIDE, _LOST = (tuple(_FLOW_PARTS)[part] for part in (slice(3), slice(3, 5), slice(5, 8)))
+
+
+def _flow_rows(flow: Mapping[str, Mapping[str, float]]) -> list[tuple[str, float, float, str]]:
     """Label, both ends and colour of each bar from the top: charging demand, storage, grid export."""
-    charge, discharge = flow.charge, flow.discharge
-
-    def missing(of: analysis.DirectionFlow, string: str) -> list[tuple[str, float, str]]:
-        return [
-            ("Unmet demand", of.unmet_kwh, style.BACKGROUND),
-            ("Derating loss", of.derating_kwh, style.DERATING),
-            (f"Availability loss ({string})", of.availability_kwh, style.AVAILABILITY),
-        ]
-
-    def losses(of: analysis.DirectionFlow) -> list[tuple[str, float, str]]:
-        return [
-            ("Inverters", of.inverter_kwh, style.INVERTER),
-            ("Batteries", of.battery_kwh, style.BATTERY),
-            ("Hysteresis", of.hysteresis_kwh, style.HYSTERESIS),
-        ]
-
-    beside = [
-        ("Standby", flow.standby_kwh, style.BACKGROUND),
-        ("Cooling", flow.auxiliary_kwh, style.AUXILIARY),
-    ]
-    blocks = [
-        ("Charging demand", charge.asked_kwh, style.INK, missing(charge, "full")),
-        ("Grid import", flow.taken_kwh, style.CHARGE, [*beside, *losses(charge)]),
-        ("Stored", charge.store_kwh, style.CHARGE, []),
-        ("From storage", discharge.store_kwh, style.DISCHARGE, losses(discharge)),
-        ("Grid export", discharge.grid_kwh, style.DISCHARGE, []),
-        ("Discharging demand", discharge.asked_kwh, style.INK, missing(discharge, "empty")),
-    ]
+    charge, discharge = {**flow["charge"], **flow["beside"]}, flow["discharge"]
+    taken_kwh = charge["grid"] + charge["standby"] + charge["auxiliary"]
     rows = []
-    for label, total, colour, parts in blocks:
+    for label, total, colour, of, parts in (
+        ("Charging demand", charge["asked"], style.INK, charge, _MISSING),
+        ("Grid import", taken_kwh, style.CHARGE, charge, _BESIDE + _LOST),
+        ("Stored", charge["store"], style.CHARGE, charge, ()),
+        ("From storage", discharge["store"], style.DISCHARGE, discharge, _LOST),
+        ("Grid export", discharge["grid"], style.DISCHARGE, discharge, ()),
+        ("Discharging demand", discharge["asked"], style.INK, discharge, _MISSING),
+    ):
         rows.append((label, 0.0, total, colour))
         left = total
-        for name, size, shade in parts:
-            if size > _NEGLIGIBLE_KWH:
-                rows.append((name, left - size, left, shade))
-            left -= size
+        for part in parts:
+            name, shade = _FLOW_PARTS[part]
+            if of[part] > _NEGLIGIBLE_KWH:
+                rows.append(
+                    (name.format("empty" if of is discharge else "full"), left - of[part], left, shade)
+                )
+            left -= of[part]
     return rows
 
 

@@ -2,85 +2,50 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from bess.arrays import Array
 
 if TYPE_CHECKING:
     import xarray as xr
 
-LOSSES: Final = ("inverter", "battery", "hysteresis")
 
+def energy_flow(dataset: xr.Dataset) -> dict[str, dict[str, float]]:
+    r"""Return the energy of a record (``bess.open_result``) by direction [kWh].
 
-@dataclass(frozen=True)
-class DirectionFlow:
-    """Energy of one direction [kWh], summed over all steps and strings with power in this direction."""
+    The sums of ``charge`` and ``discharge`` are over all steps and strings with power in this direction:
+    ``asked`` (demand), ``unmet`` (demand above the power in service), ``derating`` and ``availability``
+    losses, ``grid`` (delivered at the AC side: the demand minus these three), ``inverter``, ``battery`` and
+    ``hysteresis`` losses, and ``store``, the change of the stored chemical energy, as a magnitude.
 
-    asked_kwh: float
-    """Demand in this direction."""
-    unmet_kwh: float
-    derating_kwh: float
-    availability_kwh: float
-    """Unmet demand (above the power in service), derating loss and availability loss."""
-    grid_kwh: float
-    """Energy delivered at the AC side: the demand minus these three."""
-    inverter_kwh: float
-    battery_kwh: float
-    hysteresis_kwh: float
-    """Losses; the inverter loss without the standby losses drawn from the grid."""
-    store_kwh: float
-    """Change of the stored chemical energy, as a magnitude."""
-
-
-@dataclass(frozen=True)
-class EnergyFlow:
-    r"""Energy of a run in both directions.
-
-    Grid import is ``charge.grid_kwh + standby_kwh + auxiliary_kwh``, grid export ``discharge.grid_kwh``. In
-    each direction, grid and stored energy differ by the losses and by the work of the open-circuit voltage,
+    The directions have no part in ``beside``: ``standby`` losses, which inverters that are off draw from the
+    grid, and ``auxiliary``, the energy of cooling. Grid import is ``grid`` of charge and these two. In each
+    direction, grid and stored energy differ by the losses and by the work of the open-circuit voltage,
     :math:`P_{shift}` in docs/equations.md.
     """
-
-    charge: DirectionFlow
-    discharge: DirectionFlow
-    standby_kwh: float
-    auxiliary_kwh: float
-
-    @property
-    def taken_kwh(self) -> float:
-        """Grid import."""
-        return self.charge.grid_kwh + self.standby_kwh + self.auxiliary_kwh
-
-
-def energy_flow(dataset: xr.Dataset) -> EnergyFlow:
-    """Return the energy flow of a record (``bess.open_result``)."""
     dt_h = float(dataset.attrs["step_h"])
-
-    def power(name: str) -> Array:
-        return np.asarray(dataset[name].values, dtype=np.float64)
-
-    demand, delivered, request = power("demand_kw"), power("delivered_kw"), power("request_kw")
-    drawn, standby = power("chemical_kw"), power("standby_kw")
-    losses = {name: power(f"{name}_loss_kw") for name in LOSSES}
-    losses["inverter"] = losses["inverter"] - standby
+    demand, delivered, request, drawn, standby = (
+        dataset[f"{name}_kw"].values for name in ("demand", "delivered", "request", "chemical", "standby")
+    )
     discharges = np.where(delivered != 0.0, delivered > 0.0, drawn > 0.0)
 
-    def direction(sign: float, flows: Array) -> DirectionFlow:
-        asked, wanted = sign * demand > 0.0, sign * request > 0.0
-        return DirectionFlow(
-            asked_kwh=float(np.abs(demand[asked]).sum()) * dt_h,
-            unmet_kwh=float(power("unmet_kw")[asked].sum()) * dt_h,
-            derating_kwh=float(power("derating_loss_kw")[wanted].sum()) * dt_h,
-            availability_kwh=float(power("availability_loss_kw")[wanted].sum()) * dt_h,
-            grid_kwh=sign * float(delivered[flows].sum()) * dt_h,
-            store_kwh=sign * float(drawn[flows].sum()) * dt_h,
-            **{f"{name}_kwh": float(values[flows].sum()) * dt_h for name, values in losses.items()},
-        )
+    def energy(kw: Any, counts: Any) -> float:
+        return float(kw[counts].sum()) * dt_h
 
-    auxiliary = float(power("auxiliary_kw").sum()) * dt_h if "auxiliary_kw" in dataset else 0.0
-    return EnergyFlow(
-        direction(-1.0, ~discharges), direction(1.0, discharges), float(standby.sum()) * dt_h, auxiliary
-    )
+    def direction(sign: float, flows: Any) -> dict[str, float]:
+        asked, wanted = sign * demand > 0.0, sign * request > 0.0
+        return {
+            "asked": energy(np.abs(demand), asked),
+            "unmet": energy(dataset["unmet_kw"].values, asked),
+            "derating": energy(dataset["derating_loss_kw"].values, wanted),
+            "availability": energy(dataset["availability_loss_kw"].values, wanted),
+            "grid": energy(sign * delivered, flows),
+            "inverter": energy(dataset["inverter_loss_kw"].values - standby, flows),
+            "battery": energy(dataset["battery_loss_kw"].values, flows),
+            "hysteresis": energy(dataset["hysteresis_loss_kw"].values, flows),
+            "store": energy(sign * drawn, flows),
+        }
+
+    auxiliary = float(dataset["auxiliary_kw"].values.sum()) * dt_h if "auxiliary_kw" in dataset else 0.0
+    beside = {"standby": float(standby.sum()) * dt_h, "auxiliary": auxiliary}
+    return {"charge": direction(-1.0, ~discharges), "discharge": direction(1.0, discharges), "beside": beside}
