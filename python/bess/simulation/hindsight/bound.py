@@ -256,7 +256,7 @@ class _Relaxation(Program):
         # A string fills its levels from below.
         per_kwh = 1.0 / string.energy_kwh
         self.at_most(zero[:, 1:], (after[:, 1:], per_kwh[1:]), (after[:, :-1], -per_kwh[:-1]))
-        if not string.ages:
+        if not string.cells.ages:
             # Upper limits of losses: stored energy cannot be discarded.
             flow = sign * string.ratio_against[direction] * dt_h
             spill = dt_h * string.ratio_against[DISCHARGE]
@@ -311,7 +311,7 @@ class _Relaxation(Program):
         # Inverter power = chemical power of the cells + heat.
         self.at_most(zero, (p, sign), (w, 1.0), (h, 1.0), (x, -sign[:, None]))
         self.at_most(zero, (p, -sign), (w, -1.0), (h, -1.0), (x, sign[:, None]))
-        if not string.ages:
+        if not string.cells.ages:
             self.at_most(zero, (h, 1.0), (x, -string.max_heat[direction]))
             first, more = string.max_loss[direction].T
             self.at_most(zero, (w, 1.0), (o, -first), (p, -more))

@@ -43,6 +43,7 @@ class Cells:
 
     battery: Battery
     ages: bool
+    """Whether capacity may fall, and with it the energy at a given SOC."""
     soh_resistance: float
     soc: Array
     """SOC of the voltages."""

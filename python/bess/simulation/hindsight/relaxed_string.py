@@ -45,6 +45,7 @@ class RelaxedString:
     ``theta`` is the mean over the nodes of a string of their temperature excess over ``coldest_c``.
     """
 
+    cells: Cells
     nominal_kw: float
     standby_kw: float
     """Nominal power, and loss of an inverter that is off."""
@@ -66,15 +67,9 @@ class RelaxedString:
     """``(2, 2)``: intercept and slope of the upper bound of this loss."""
     max_heat: Array
     """``(2, n_levels)``: upper bound of the heat, as a share of the chemical power."""
-    ages: bool
-    """Whether capacity may fall, and with it the energy at a given SOC."""
     burnt_kw: tuple[float, float]
     """Maximum charging power without stored energy, because the inverter loss exceeds it, and the maximum
     heat of this power in the cells [kW]."""
-    voltage_v: tuple[Array, Array]
-    """SOC, and the maximum discharge voltage at each, which defines the stored energy."""
-    capacity_ah: float
-    """Capacity at the start."""
 
     @property
     def energy_kwh(self) -> Array:
@@ -82,13 +77,15 @@ class RelaxedString:
         return self.stored_kwh(self.edges[-1])
 
     def stored_kwh(self, soc: float) -> Array:
-        """Energy in every level of a string at ``soc``, shape ``(n_levels,)``."""
-        at = np.minimum(self.edges, max(soc, self.edges[0]))
-        knots = self.voltage_v[0]
-        fine = np.unique([*at, *knots[(knots > at[0]) & (knots < at.max())]])
-        voltage_v = np.interp(fine, *self.voltage_v)
+        """Energy in every level of a string at ``soc``, shape ``(n_levels,)``.
+
+        The maximum discharge voltage and the capacity at the start define it.
+        """
+        at, cells = np.minimum(self.edges, max(soc, self.edges[0])), self.cells
+        fine = np.unique([*at, *between(cells.soc, at[0], at.max())])
+        voltage_v = np.interp(fine, cells.soc, cells.highest_v[DISCHARGE])
         steps = np.diff(fine) * (voltage_v[1:] + voltage_v[:-1]) / 2.0
-        energy_kwh = np.concatenate([[0.0], np.cumsum(steps)]) * self.capacity_ah / 1e3
+        energy_kwh = np.concatenate([[0.0], np.cumsum(steps)]) * cells.capacity_ah / 1e3
         return np.diff(np.interp(at, fine, energy_kwh))
 
 
@@ -155,6 +152,7 @@ def relaxed_string(
     least, most = [lines_below(load, loss) for loss in losses], [line_above(load, loss) for loss in losses]
     burnt_kw = nominal_kw * max(inverter.loss_charge)
     return RelaxedString(
+        cells=cells,
         nominal_kw=nominal_kw,
         standby_kw=inverter.off_loss * nominal_kw,
         edges=edges,
@@ -165,10 +163,7 @@ def relaxed_string(
         loss=[(nominal_kw * intercept, slope) for intercept, slope in least],
         max_loss=np.array([(nominal_kw * intercept, slope) for intercept, slope in most]),
         max_heat=np.array([[level.max_heat for level in limits] for limits in levels]),
-        ages=string.wear.cell_model is not None,
         burnt_kw=(burnt_kw, cells.max_heat_kw(burnt_kw, warm_c)),
-        voltage_v=(cells.soc, cells.highest_v[DISCHARGE]),
-        capacity_ah=cells.capacity_ah,
     )
 
 
