@@ -7,6 +7,7 @@ cold and warm initial states. ``1 / k1`` is the heat stored in a string per kelv
 removes in a control step is regressed on the string's temperature before it and on the ambient temperature.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,8 @@ import numpy as np
 
 from bess import _core
 from bess.arrays import Array
+from bess.system.parse import StringParameters
+from bess.system.sections import Control
 
 _AMBIENTS_C = (5.0, 20.0, 35.0)
 _STARTS_C = (20.0, 35.0)
@@ -40,31 +43,18 @@ class Lumped:
         return np.asarray(self.ambient_gain.mean() * ambient_c + self.offset_c.mean())
 
 
-def identify(
-    core: _core.System, soc: Array, nominal_kw: Array, nodes: Array, step_s: tuple[float, float]
-) -> Lumped:
-    """Identify the lumped model of each string.
-
-    Parameters
-    ----------
-    core
-        The plant's tables.
-    soc : ndarray, shape (n_strings,)
-        Middle of each SOC window, the start of the experiment.
-    nominal_kw : ndarray, shape (n_strings,)
-        Nominal power of each inverter.
-    nodes : ndarray of int, shape (n_strings,)
-        Thermal nodes of each string.
-    step_s
-        Control step and plant step [s].
-    """
-    control_s, plant_s = step_s
+def identify(core: _core.System, strings: Sequence[StringParameters], control: Control) -> Lumped:
+    """Identify the lumped model of each string; the experiment starts in the middle of its SOC window."""
+    control_s, plant_s = control.step_s, control.plant_step_s
+    soc = np.array([(string.battery.soc_min + string.battery.soc_max) / 2.0 for string in strings])
+    nominal_kw = [string.inverter.nominal_kw for string in strings]
+    n_nodes = max(string.thermal.spatial.nodes for string in strings)
     cases = [(ambient, start) for ambient in _AMBIENTS_C for start in _STARTS_C]
     ambient_c = np.array([ambient for ambient, _ in cases])
     start_c = np.repeat([start for _, start in cases], soc.size).reshape(len(cases), soc.size)
     state: dict[str, Any] = {
         "soc": np.tile(soc, len(cases)),
-        "node_temperature_c": np.repeat(start_c.ravel(), int(nodes.max())),
+        "node_temperature_c": np.repeat(start_c.ravel(), n_nodes),
         "derating_integral_k": np.zeros(start_c.size),
         "inverter_on": np.zeros(start_c.size, dtype=np.bool_),
         "soh_capacity": np.ones(start_c.size),

@@ -61,7 +61,10 @@ class System:
         self.core = self._tables()
         self.lumped: Lumped | None = None
         if self.cooling is not None:
-            self.lumped = self._identified()
+            try:
+                self.lumped = identify(self.core, strings, self.control)
+            except ValueError as error:
+                raise InputError(f"{name}: {error}") from error
             cooled = []
             for string, k1, k2 in zip(strings, self.lumped.k1_k_per_j, self.lumped.k2_per_s, strict=True):
                 lumped = LumpedThermal(k1_k_per_j=float(k1), k2_per_s=float(k2))
@@ -92,14 +95,6 @@ class System:
         document = {"strings": [string.core_document() for string in self.strings], "cooling": cooling}
         try:
             return _core.System(json.dumps(document))
-        except ValueError as error:
-            raise InputError(f"{self.name}: {error}") from error
-
-    def _identified(self) -> Lumped:
-        nodes = np.array([s.thermal.spatial.nodes for s in self.strings])
-        steps_s = (self.control.step_s, self.control.plant_step_s)
-        try:
-            return identify(self.core, np.mean(self.soc_window, axis=0), self.nominal_kw, nodes, steps_s)
         except ValueError as error:
             raise InputError(f"{self.name}: {error}") from error
 
