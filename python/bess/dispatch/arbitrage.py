@@ -11,7 +11,7 @@ from bess.arrays import Array, require_positive
 from bess.dispatch.blocks import Blocks
 from bess.dispatch.connection import GridConnection, PeakTariff
 from bess.dispatch.forecast import Forecast, steps_in
-from bess.dispatch.program import StoreProgram
+from bess.dispatch.program import StoreProgram, StoreSchedule
 from bess.errors import InputError
 from bess.units import HOURS_PER_DAY
 
@@ -261,11 +261,7 @@ class Arbitrage:
             net_kw, tariff = connection.net_kw(step, price.size), connection.tariff
             month = days if tariff is None else tariff.month[step : step + price.size]
             connection.constrain(program, price, net_kw, month, self.power_kw, self.weight(price))
-        plan = program.solve()
-        negative = np.flatnonzero(price[blocks.first] < 0.0)
-        if np.minimum(plan.charge, plan.discharge)[negative].max(initial=0.0) > _TOLERANCE:
-            program.forbid_both_directions(negative)
-            plan = program.solve()
+        plan = one_direction(program, price[blocks.first])
         one_way = float(np.sqrt(self.efficiency))
         stored = one_way * plan.charge - plan.discharge / one_way
         share = -np.where(stored > 0.0, stored / one_way, stored * one_way)
@@ -331,6 +327,16 @@ class Arbitrage:
     def weight(self, price: Array) -> float:
         """Cost in the program of an EUR/MWh over an hour at full power."""
         return 1.0 / (self.dt_h * (float(np.abs(price).max()) or 1.0))
+
+
+def one_direction(program: StoreProgram, price_eur_mwh: Array) -> StoreSchedule:
+    """Return an optimal schedule that does not charge and discharge in the same step."""
+    plan = program.solve()
+    negative = np.flatnonzero(price_eur_mwh < 0.0)
+    if np.minimum(plan.charge, plan.discharge)[negative].max(initial=0.0) > _TOLERANCE:
+        program.forbid_both_directions(negative)
+        plan = program.solve()
+    return plan
 
 
 def calendar_days(index: pd.DatetimeIndex, time_zone: str | tzinfo) -> npt.NDArray[np.int64]:
