@@ -256,3 +256,19 @@ def test_the_smallest_prices_are_traded_as_all_others_are() -> None:
     """Prices below the tolerance of the solver were not traded at all."""
     price = np.random.default_rng(2).normal(60.0, 40.0, 24)
     np.testing.assert_array_equal(planner(2.0**-20 * price).plan(0, 80.0), planner(price).plan(0, 80.0))
+
+
+@pytest.mark.closed_form
+@pytest.mark.parametrize(("fees", "kw"), [((30.0, 49.0), 100.0), ((30.0, 51.0), 0.0)])
+def test_a_spread_is_traded_if_it_exceeds_the_fees_of_both_directions(fees, kw) -> None:
+    plan = planner(np.array([20.0, 100.0]), efficiency=1.0, fees_eur_mwh=fees).plan(0, 0.0)
+    np.testing.assert_allclose(plan, [-kw, kw])
+
+
+@pytest.mark.closed_form
+def test_what_remains_of_a_budget_is_for_the_whole_plan_not_for_each_of_its_days() -> None:
+    price = np.tile([20.0, 100.0], 4)
+    plan = planner(price, efficiency=1.0, days=np.arange(8) // 4, look_ahead_h=8.0).plan(
+        0, 0.0, remaining_kwh=60.0
+    )
+    assert np.maximum(plan, 0.0).sum() == pytest.approx(60.0)

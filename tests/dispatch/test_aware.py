@@ -152,6 +152,18 @@ def test_a_plan_stays_within_cycles_power_and_energy() -> None:
     assert 150.0 < drawn.sum() < 203.0
 
 
+@pytest.mark.parametrize("cycles", [0.3, 1.5])
+def test_what_remains_of_a_budget_is_for_the_whole_plan_not_for_each_of_its_days(cycles: float) -> None:
+    system, hours = bess.System.reference(2), np.arange(192) * 0.25
+    price = 60.0 - 40.0 * np.cos(hours * 2.0 * np.pi / 12.0) + hours
+    dispatch = DynamicProgramDispatch(system, 0.25, SettlementTerms(), cycles_per_day=1.0)
+    remaining_kwh = cycles * float(system.nominal_energy_kwh.sum())
+    inputs = DispatchInputs(price, np.full(192, 20.0), np.arange(192) // 96, remaining_kwh=remaining_kwh)
+    plan = dispatch.plan(inputs, bess.State([0.05] * 2, [25.0] * 2))
+    drawn_kwh = np.maximum(-np.diff(plan.expected_energy_kwh), 0.0).sum()
+    assert 0.8 * remaining_kwh < drawn_kwh < 1.01 * remaining_kwh
+
+
 def test_the_limits_of_the_grid_connection_hold_in_each_direction() -> None:
     system, state = bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0])
     inputs = DispatchInputs(WAVE, np.full(144, 25.0), np.zeros(144, dtype=np.int64))

@@ -1,6 +1,7 @@
 """Claims about a budget of a year and the price that spends it."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ DATA = Path(__file__).parents[3] / "shared/data/prices"
 ENERGY_KWH, POWER_KW, ROUND_TRIP = 1000.0, 500.0, 0.86
 
 
-def budget(price: np.ndarray, cycles: float, throughput_kwh: float = np.inf) -> CycleBudget:
+def budget(price: np.ndarray, cycles: float, throughput_kwh: float = np.inf, **more: Any) -> CycleBudget:
     return CycleBudget(
         PerfectForecast(price),
         np.array([0, price.size]),
@@ -26,6 +27,7 @@ def budget(price: np.ndarray, cycles: float, throughput_kwh: float = np.inf) -> 
         efficiency=ROUND_TRIP,
         look_ahead_steps=144,
         dt_h=0.25,
+        **more,
     )
 
 
@@ -105,6 +107,31 @@ def test_the_price_of_the_first_day_is_what_a_cycle_earns_on_it() -> None:
     due = 14.0 / 28.0 * 0.85 / np.expm1(0.85) * 1.5
     value = bess.store_value(DAILY[:144], cycles=due)
     assert carried.price_eur_mwh == pytest.approx(value.cycle_price_eur / np.sqrt(ROUND_TRIP))
+
+
+@pytest.mark.closed_form
+def test_fees_and_wear_lower_the_price_by_what_they_cost_down_to_zero() -> None:
+    """A store that begins empty and empties discharges the round trip of what it charges."""
+    costs = [((0.0, 0.0), 0.0), ((4.0, 5.0), 7.0), ((40.0, 50.0), 70.0)]
+    prices = []
+    for fees_eur_mwh, wear_eur_mwh in costs:
+        carried = budget(
+            DAILY, 14.0, fees_eur_mwh=fees_eur_mwh, wear_eur_mwh=lambda _, wear=wear_eur_mwh: wear
+        )
+        carried.advance(0, at(0.5), 0.0)
+        prices.append(carried.price_eur_mwh)
+    assert prices[1] == pytest.approx(prices[0] - 4.0 / ROUND_TRIP - 5.0 - 7.0)
+    assert prices[2] == 0.0
+
+
+def test_a_budget_that_the_daily_limit_keeps_has_no_price() -> None:
+    """Over 28 days with one cycle a day at most."""
+    prices = []
+    for cycles in (27.0, 28.0):
+        carried = budget(DAILY, cycles, daily_kwh=ENERGY_KWH)
+        carried.advance(0, at(0.0), 0.0)
+        prices.append(carried.price_eur_mwh)
+    assert prices[0] > 0.0 == prices[1]
 
 
 def test_the_price_rises_where_more_was_used_than_was_due() -> None:

@@ -59,6 +59,28 @@ def test_throughput_is_energy_discharged(values: dict[str, Any]) -> None:
     assert kpis["budget_used_pct"] == pytest.approx(100.0 * kpis["discharged_kwh"] / 1.2e3)
 
 
+@pytest.mark.parametrize("plan", ["linear", "aware"])
+@pytest.mark.parametrize("cycles_per_day", [1.0, 8.0])
+def test_a_budget_that_a_run_would_not_use_does_not_change_it(
+    values: dict[str, Any], plan: str, cycles_per_day: float
+) -> None:
+    """With fees and wear, or a daily limit, that leave more than a cycle of it."""
+    given = values | {
+        "run.days": 4.0,
+        "wear.model": "throughput",
+        "demand.plan": plan,
+        "demand.cycles_per_day": cycles_per_day,
+        "settlement.charge_fee_eur_mwh": 15.0,
+        "settlement.discharge_fee_eur_mwh": 15.0,
+    }
+    del given["budget.cycles_per_year"]
+    free = bess.run(bess.load_study("arbitrage-2024", given), progress=False)
+    cycles = free.kpis["full_cycles"] + 1.5
+    given["budget.cycles_per_year"] = cycles * 365.0 / 4.0
+    kept = bess.run(bess.load_study("arbitrage-2024", given), progress=False)
+    np.testing.assert_allclose(kept.dataset["demand_kw"], free.dataset["demand_kw"], atol=1e-6)
+
+
 def test_a_plant_whose_throughput_is_used_up_has_no_demand(values: dict[str, Any]) -> None:
     """Without a limit of cycles, the charging power of the budget is infinite."""
     limits = {"budget.cycles_per_year": None, "budget.throughput_mwh_per_year": 0.01 * 365.0 / DAYS}

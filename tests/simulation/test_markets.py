@@ -209,6 +209,31 @@ def test_blocks_of_reserve_are_those_of_the_local_day(start: str, end: str) -> N
     assert (by_block.max() - by_block.min()).max() < 1e-6 < by_block.mean().std()
 
 
+@pytest.mark.closed_form
+def test_reserve_leaves_the_power_for_charge_and_discharge_one_after_the_other() -> None:
+    """Four hours at -100 EUR/MWh pay for a charge, a discharge and a charge; reserve is worth less.
+
+    Of the sixteen steps, twelve charge and four discharge.
+    """
+    price, paid = np.repeat([-100.0, 0.0], [16, 80]), np.repeat([1.0, 0.0], [16, 80])
+    planner = Arbitrage(
+        PerfectForecast(price), np.zeros(DAY), power_kw=100.0, energy_kwh=50.0, efficiency=0.5,
+        cycles_per_day=1.0, look_ahead_h=24.0,
+    )  # fmt: skip
+    sold = reserve_blocks(
+        paid,
+        price,
+        planner,
+        blocks=np.arange(DAY) // 16,
+        max_reserve_kw=100.0,
+        stored_kwh=0.0,
+        foresight=True,
+    )
+    both_kw = 2.0 * 50.0 / np.sqrt(0.5) / 4.0
+    assert sold[0] == pytest.approx(100.0 - both_kw * 16.0 / 12.0, abs=1.0)
+    assert sold[0] < 100.0 - both_kw
+
+
 def test_chosen_reserve_is_what_the_plant_sells_and_is_paid_for() -> None:
     values = {"policy.name": "equal", "run.days": 2.0, "demand.choose_capacity": "persistence"}
     result = bess.run(bess.load_study("fcr-arbitrage", values), progress=False)

@@ -11,7 +11,7 @@ from bess.arrays import Array, require_positive
 from bess.dispatch.blocks import Blocks
 from bess.dispatch.connection import GridConnection, PeakTariff
 from bess.dispatch.forecast import Forecast, steps_in
-from bess.dispatch.program import StoreProgram
+from bess.dispatch.program import StoreProgram, StoreSchedule
 from bess.errors import InputError
 from bess.units import HOURS_PER_DAY
 
@@ -33,17 +33,18 @@ class Arbitrage:
     [1]_ compares such a program with constant efficiency to nonlinear ones.
 
     With charging `c`, discharging `d` (AC power), stored energy `e` and the efficiency
-    :math:`\eta_c = \eta_d = \sqrt{\eta}` of each direction, every plan solves
+    :math:`\eta_c = \eta_d = \sqrt{\eta}` and the fee `f` of each direction, every plan solves
 
-    .. math:: \max \sum_t \pi_t (d_t - c_t)\,\Delta t \quad\text{s. t.}\quad
-       e_t = e_{t-1} + \eta_c c_t \Delta t - d_t \Delta t / \eta_d,\quad 0 \le e_t \le E,\quad
-       0 \le c_t, d_t \le P,\quad \sum_{t \in \text{day}} d_t \Delta t / \eta_d \le n E .
+    .. math:: \max \sum_t \bigl((\pi_t - f_d)\, d_t - (\pi_t + f_c)\, c_t\bigr)\,\Delta t
+       \quad\text{s. t.}\quad e_t = e_{t-1} + \eta_c c_t \Delta t - d_t \Delta t / \eta_d,\quad
+       0 \le e_t \le E,\quad 0 \le c_t, d_t \le P,\quad
+       \sum_{t \in \text{day}} d_t \Delta t / \eta_d \le n E .
 
     Simultaneous charging and discharging never pays where :math:`\pi_t \ge 0`: lowering `c` by :math:`\delta`
-    and `d` by :math:`\eta\delta` leaves `e` as it is, uses fewer cycles and earns :math:`\pi_t (1 -
-    \eta)\,\delta\,\Delta t \ge 0`. Such steps are netted without a loss. At a negative price the linear
-    program may dissipate energy for income. If its solution does, the program is solved again with a binary
-    for each step of negative price, which allows one direction only.
+    and `d` by :math:`\eta\delta` leaves `e` as it is, uses fewer cycles, saves fees and earns
+    :math:`\pi_t (1 - \eta)\,\delta\,\Delta t \ge 0`. Such steps are netted without a loss. At a
+    negative price the linear program may dissipate energy for income. If its solution does, the program is
+    solved again with a binary for each step of negative price, which allows one direction only.
 
     A plan depends on its arguments only, so a run can resume. Between two plans (every `replan_h`) the
     caller keeps the last plan.
@@ -77,6 +78,8 @@ class Arbitrage:
         Load, generation, limits and tariff of a meter that the plant shares.
     reserved_kw : float or array_like, shape (n_steps,)
         Part of `power_kw` sold as reserve.
+    fees_eur_mwh : pair of float
+        Fees on each MWh charged and discharged (AC).
 
     Raises
     ------
@@ -106,6 +109,7 @@ class Arbitrage:
         dt_h: float = 0.25,
         connection: GridConnection | None = None,
         reserved_kw: npt.ArrayLike = 0.0,
+        fees_eur_mwh: tuple[float, float] = (0.0, 0.0),
     ):
         require_positive(
             "arbitrage",
@@ -129,6 +133,7 @@ class Arbitrage:
         self.power_kw, self.energy_kwh, self.dt_h = power_kw, energy_kwh, dt_h
         self.efficiency, self.cycles_per_day = efficiency, cycles_per_day
         self.cycles_per_plan, self.connection = cycles_per_plan, connection
+        self._charge_fee, self._discharge_fee = fees_eur_mwh
         self._reserved = np.broadcast_to(np.asarray(reserved_kw, np.float64), self.days.shape) / power_kw
         self._max_power = (
             min(1.0, (max_import_kw or power_kw) / power_kw),
@@ -256,11 +261,7 @@ class Arbitrage:
             net_kw, tariff = connection.net_kw(step, price.size), connection.tariff
             month = days if tariff is None else tariff.month[step : step + price.size]
             connection.constrain(program, price, net_kw, month, self.power_kw, self.weight(price))
-        plan = program.solve()
-        negative = np.flatnonzero(price[blocks.first] < 0.0)
-        if np.minimum(plan.charge, plan.discharge)[negative].max(initial=0.0) > _TOLERANCE:
-            program.forbid_both_directions(negative)
-            plan = program.solve()
+        plan = one_direction(program, price[blocks.first])
         one_way = float(np.sqrt(self.efficiency))
         stored = one_way * plan.charge - plan.discharge / one_way
         share = -np.where(stored > 0.0, stored / one_way, stored * one_way)
@@ -300,7 +301,10 @@ class Arbitrage:
             hours,
             float(np.sqrt(self.efficiency)),
             energy_kwh / self.power_kw,
-            cost=(per_unit * price, per_unit * (budget_price_eur_mwh - price)),
+            cost=(
+                per_unit * (price + self._charge_fee),
+                per_unit * (budget_price_eur_mwh + self._discharge_fee - price),
+            ),
             max_power=(np.minimum(self._max_power[0], free), np.minimum(self._max_power[1], free)),
             capacity=capacity_kwh / self.power_kw,
         )
@@ -313,15 +317,26 @@ class Arbitrage:
             row, max_kwh = np.zeros(days.size, np.int64), np.array([self.cycles_per_plan * capacity_kwh])
             charged, discharged = 0.5 * hours, 0.5 * hours
         program.at_most(
-            np.minimum(max_kwh, remaining_kwh) / self.power_kw,
-            (program.charge, charged, row),
-            (program.discharge, discharged, row),
+            max_kwh / self.power_kw, (program.charge, charged, row), (program.discharge, discharged, row)
         )
+        if np.isfinite(remaining_kwh):
+            drawn = hours / np.sqrt(self.efficiency)
+            program.at_most(remaining_kwh / self.power_kw, (program.discharge, drawn))
         return program
 
     def weight(self, price: Array) -> float:
         """Cost in the program of an EUR/MWh over an hour at full power."""
         return 1.0 / (self.dt_h * (float(np.abs(price).max()) or 1.0))
+
+
+def one_direction(program: StoreProgram, price_eur_mwh: Array) -> StoreSchedule:
+    """Return an optimal schedule that does not charge and discharge in the same step."""
+    plan = program.solve()
+    negative = np.flatnonzero(price_eur_mwh < 0.0)
+    if np.minimum(plan.charge, plan.discharge)[negative].max(initial=0.0) > _TOLERANCE:
+        program.forbid_both_directions(negative)
+        plan = program.solve()
+    return plan
 
 
 def calendar_days(index: pd.DatetimeIndex, time_zone: str | tzinfo) -> npt.NDArray[np.int64]:

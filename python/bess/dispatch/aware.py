@@ -233,6 +233,12 @@ class DynamicProgramDispatch:
         energy_kwh, temperature_c = plant.energy_kwh(state.soc), plant.mean_c(state.temperature_c)
         return float(energy_kwh), plant.capacity_kwh, float(temperature_c)
 
+    def wear_eur_mwh(self, state: State) -> float:
+        """Return the wear cost of a MWh discharged (AC), the mean over depths of cycle."""
+        plant = Aggregate(self._system, self._dt_h, state, self._system.nominal_kw)
+        depths = CycleDepthCost.of(plant, self._wear.at(state))
+        return KWH_PER_MWH * (depths.by_energy_eur_kwh + float(depths.marginal_eur_kwh.mean()))
+
     def _cycle_limits(
         self, inputs: DispatchInputs, blocks: Blocks, energy_kwh: float
     ) -> tuple[npt.NDArray[np.int64], Array]:
@@ -244,7 +250,11 @@ class DynamicProgramDispatch:
         else:
             period = np.zeros(blocks.first.size, dtype=np.int64)
             allowed_kwh = np.array([self._cycles_per_plan * energy_kwh])
-        return period, np.minimum(allowed_kwh, inputs.remaining_kwh)
+        remaining_kwh = inputs.remaining_kwh
+        if remaining_kwh <= allowed_kwh.min():  # any day can use all of it
+            return np.zeros_like(period), np.array([remaining_kwh])
+        earlier_kwh = np.r_[0.0, np.cumsum(allowed_kwh)[:-1]]
+        return period, np.minimum(allowed_kwh, np.maximum(0.0, remaining_kwh - earlier_kwh))
 
     def _income_eur(self, price: Array, budget_price_eur_mwh: float, depths: CycleDepthCost) -> Array:
         """Return the income per kWh discharged, charged, undelivered, and per kWh held for an hour."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.dispatch.forecast import Forecast
-from bess.dispatch.store_value import store_value
+from bess.dispatch.store_value import best_trade
 from bess.system import State
 from bess.units import HOURS_PER_DAY, KWH_PER_MWH
 
@@ -46,15 +47,16 @@ class CycleBudget(Checkpointed):
     discharged energy (AC). A year that the run covers in part has this part of the budget. Unused budget
     expires at the end of a year.
 
-    Once a day a linear program (:func:`bess.store_value`) over the known prices gives the marginal value
-    :math:`\mu_d` of a cycle for the planned use :math:`r_d`. With weights :math:`w_d` that decrease with age,
-    the shadow price is
+    Once a day a linear program (:func:`bess.store_value`, with fees and wear) over the known prices gives the
+    marginal value :math:`\mu_d` of a cycle for the planned use :math:`r_d`. With weights :math:`w_d` that
+    decrease with age, the shadow price is
 
     .. math:: \lambda = \frac{\sum_d w_d\, r_d\, \mu_d}{r \sum_d w_d},\qquad
        r = B\,\frac{k}{e^{k \tau} - 1} ,
 
     where :math:`B` is the remaining budget and :math:`\tau` the remaining time of the year [years]. The price
-    follows the market, and rises if more than the planned use was spent.
+    follows the market, and rises if more than the planned use was spent. It is 0 while the daily limit alone
+    keeps the budget.
 
     Parameters
     ----------
@@ -74,6 +76,12 @@ class CycleBudget(Checkpointed):
         Length of the price forecast [steps].
     dt_h : float
         Control step [h].
+    daily_kwh : float
+        Maximum stored energy that plans discharge each day; infinite without a limit.
+    fees_eur_mwh : pair of float
+        Fees on each MWh charged and discharged (AC), which plans include.
+    wear_eur_mwh : callable or None
+        Wear cost of a MWh discharged (AC) at a state, as far as plans include it.
     """
 
     _carried = (
@@ -95,7 +103,11 @@ class CycleBudget(Checkpointed):
         efficiency: float,
         look_ahead_steps: int,
         dt_h: float,
+        daily_kwh: float = np.inf,
+        fees_eur_mwh: tuple[float, float] = (0.0, 0.0),
+        wear_eur_mwh: Callable[[State], float] | None = None,
     ):
+        self._daily_kwh, self._fees_eur_mwh, self._wear_eur_mwh = daily_kwh, fees_eur_mwh, wear_eur_mwh
         self._prices, self._year_steps = prices, np.diff(years)
         self._years = np.minimum(years, n_steps)
         self._cycles, self._throughput_kwh = cycles, throughput_kwh
@@ -145,7 +157,7 @@ class CycleBudget(Checkpointed):
             self._year += 1
             self._charged, self._discharged, self._discharged_kwh = 0.0, 0.0, 0.0
         if step % self._day_steps == 0:
-            self._update_price(step)
+            self._update_price(step, state)
 
     def limited(self, demand_kw: Array) -> Array:
         """Limit a demand to the remaining budget."""
@@ -174,7 +186,7 @@ class CycleBudget(Checkpointed):
         """Share of the year that the run covers."""
         return float(np.diff(self._years)[self._year] / self._year_steps[self._year])
 
-    def _update_price(self, step: int) -> None:
+    def _update_price(self, step: int, state: State) -> None:
         """Compute the marginal value of a cycle on the known prices, and average it with earlier days."""
         left_years = (self._years[self._year + 1] - step) / self._year_steps[self._year]
         days = self._year_steps[self._year] / self._day_steps
@@ -183,11 +195,20 @@ class CycleBudget(Checkpointed):
         due = max(due, _MIN_DAILY_USE * even)
         price = self._prices.ahead(step, self._look_ahead_steps)
         cycles = due / self._usable_kwh * price.size / self._day_steps
-        value = store_value(
-            price, self._usable_kwh, self._power_kw, self._efficiency, cycles=cycles, dt_h=self._dt_h
+        charge_fee, discharge_fee = self._fees_eur_mwh
+        wear_eur_mwh = 0.0 if self._wear_eur_mwh is None else self._wear_eur_mwh(state)
+        value = best_trade(
+            price,
+            self._dt_h,
+            energy_kwh=self._usable_kwh,
+            power_kw=self._power_kw,
+            round_trip=self._efficiency,
+            cycles=cycles,
+            fees_eur_mwh=(charge_fee, discharge_fee + wear_eur_mwh),
         )
         value_eur = due * value.cycle_price_eur / self._usable_kwh
         self._value_eur = np.append(self._value_eur, value_eur)[-_MAX_DAYS:]
         weight = 1.0 / (_RECENT_DAYS + np.arange(self._value_eur.size)[::-1])
         eur_per_kwh = float(weight @ self._value_eur) / (due * float(weight.sum()))
-        self.price_eur_mwh = KWH_PER_MWH * eur_per_kwh / self._one_way
+        binds = self.remaining_kwh < self._daily_kwh * left_years * days
+        self.price_eur_mwh = KWH_PER_MWH * eur_per_kwh / self._one_way if binds else 0.0

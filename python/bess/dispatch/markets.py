@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bess.arrays import Array
-from bess.dispatch.arbitrage import Arbitrage, calendar_days
+from bess.dispatch.arbitrage import Arbitrage, calendar_days, one_direction
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -182,7 +182,7 @@ def reserve_blocks(
         sold = program.add(income.size, cost=-income, upper=max_reserve_kw / planner.power_kw)
         for power in (program.charge, program.discharge):
             program.at_most(np.ones(row.size), (power, 1.0), (sold[block], 1.0))
-        best = program.solve()
+        best = one_direction(program, price)
         reserve_kw[begin:end] = planner.power_kw * best.added[block][: end - begin]
         stored_kwh = planner.power_kw * float(best.stored[end - begin - 1])
     return reserve_kw

@@ -128,15 +128,39 @@ def store_value(
     if dt_h > 24.0:
         raise InputError(f"store_value: steps of {dt_h:g} h are longer than 24 h; give dt_h in hours")
     price, dt_h = price_steps(prices, dt_h)
+    return best_trade(
+        price,
+        dt_h,
+        energy_kwh=energy_kwh,
+        power_kw=power_kw,
+        round_trip=round_trip,
+        cycles=cycles,
+        initial_kwh=initial_kwh,
+    )
+
+
+def best_trade(
+    price: Array,
+    dt_h: float,
+    *,
+    energy_kwh: float,
+    power_kw: float,
+    round_trip: float,
+    cycles: float | None,
+    initial_kwh: float = 0.0,
+    fees_eur_mwh: tuple[float, float] = (0.0, 0.0),
+) -> StoreValue:
+    """Return the value of :func:`store_value`, with fees on each MWh charged and discharged (AC)."""
     # In per unit: power over power_kw, energy over power_kw times 1 h, prices over the largest.
     one_way, capacity, initial = float(np.sqrt(round_trip)), energy_kwh / power_kw, initial_kwh / power_kw
     largest = float(np.abs(price).max()) or 1.0
-    unit_eur, cost = largest * power_kw / KWH_PER_MWH, price * (dt_h / largest)
+    unit_eur, unit = largest * power_kw / KWH_PER_MWH, dt_h / largest
+    charge_fee, discharge_fee = fees_eur_mwh
     program = StoreProgram(
         np.full(price.size, dt_h),
         one_way,
         initial,
-        cost=(cost, -cost),
+        cost=(unit * (price + charge_fee), unit * (discharge_fee - price)),
         max_power=(1.0, 1.0),
         capacity=capacity,
     )

@@ -36,6 +36,11 @@ class SettlementTerms(PublicSection):
     discount_rate: Annotated[float, within(0.0, 1.0, "per year")] = 0.05
     capacity_penalty: NonNegative = 2.0
 
+    @property
+    def fees_eur_mwh(self) -> tuple[float, float]:
+        """Return the fees on charged and on discharged energy."""
+        return self.charge_fee_eur_mwh, self.discharge_fee_eur_mwh
+
     def shortfall_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
         """Return the cost of undelivered energy per MWh, in either direction."""
         return abs(price_eur_mwh) + self.shortfall_eur_mwh

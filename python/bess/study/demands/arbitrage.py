@@ -192,7 +192,15 @@ class ArbitrageDemand(DemandSection):
                 forecast = AuctionForecast(price, auction, days, grid.dt_h)
         planner = self._planner(setting, grid, forecast, connection)
         size = self._size(setting.system)
-        budget = setting.budget_of(grid, forecast, size, self.efficiency, self.look_ahead_h)
+        budget = setting.budget_of(
+            grid,
+            forecast,
+            size,
+            self.efficiency,
+            self.look_ahead_h,
+            self.cycles_per_day if self.cycles_per_plan is None else None,
+            planner.wear_eur_mwh,
+        )
         source = ArbitrageSource(planner, setting.system, budget, connection)
 
         def price_ahead(step: int, horizon: int) -> Array:
@@ -274,6 +282,7 @@ class ArbitrageDemand(DemandSection):
                 connection,
                 cycles_per_plan=self.cycles_per_plan,
                 replan_h=self.replan_h or COMPARE_H,
+                fees_eur_mwh=setting.terms.fees_eur_mwh,
             )
             return LinearPlanner(arbitrage, setting.system)
         dispatch = DynamicProgramDispatch(

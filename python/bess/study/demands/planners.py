@@ -16,7 +16,7 @@ from bess.dispatch import (
 )
 from bess.dispatch.aggregate import counted
 from bess.study.demands.source import StepInputs
-from bess.system import System
+from bess.system import State, System
 
 COMPARE_H = 3.0
 """Interval between comparisons of the measured state with a dispatch plan [h]."""
@@ -57,6 +57,10 @@ class LinearPlanner:
     def __init__(self, arbitrage: Arbitrage, system: System) -> None:
         self._arbitrage, self._system = arbitrage, system
         self.days = arbitrage.days
+
+    def wear_eur_mwh(self, state: State) -> float:
+        """Return the wear cost of a MWh discharged as plans include it: none."""
+        return 0.0
 
     def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
         """Whether ``plan`` is replaced at ``step``; without ``now``, whether it may be.
@@ -103,6 +107,10 @@ class AwarePlanner:
     look_ahead_steps: int
     replan_steps: int | None = None
     bands: BandForecast | None = None
+
+    def wear_eur_mwh(self, state: State) -> float:
+        """Return the wear cost of a MWh discharged as plans include it."""
+        return self.dispatch.wear_eur_mwh(state)
 
     def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
         """See :class:`LinearPlanner`."""

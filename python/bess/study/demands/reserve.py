@@ -243,26 +243,29 @@ class FcrArbitrageDemand(FcrDemand):
         sold_kw, _, _ = super()._sold(setting, grid, price, capacity_price, band)
         system, (capacity_kw, recharge_kw) = setting.system, self._powers(setting.system)
         power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
-        trade = self._trade(grid, price, power_kw, band)
+        trade = self._trade(setting, grid, price, power_kw, band)
         size = power_kw, band.high_kwh - band.low_kwh
-        budget = setting.budget_of(grid, PerfectForecast(price), size, self.efficiency, self.look_ahead_h)
+        budget = setting.budget_of(
+            grid, PerfectForecast(price), size, self.efficiency, self.look_ahead_h, self.cycles_per_day
+        )
         if self.choose_capacity is not None:
             power_kw += capacity_kw
             stored_kwh = StorageEstimator(system, self.efficiency).stored_kwh(system.initial_state())
             sold_kw = reserve_blocks(
                 capacity_price,
                 price,
-                self._trade(grid, price, power_kw, band),
+                self._trade(setting, grid, price, power_kw, band),
                 blocks=four_hour_blocks(grid.index, self.market_time_zone),
                 max_reserve_kw=capacity_kw,
                 stored_kwh=max(0.0, stored_kwh - band.low_kwh),
                 foresight=self.choose_capacity == "perfect",
             )
-            trade = self._trade(grid, price, power_kw, band, sold_kw)
+            trade = self._trade(setting, grid, price, power_kw, band, sold_kw)
         return sold_kw, trade, budget
 
     def _trade(
         self,
+        setting: Setting,
         grid: TimeGrid,
         price: Array,
         power_kw: float,
@@ -281,6 +284,7 @@ class FcrArbitrageDemand(FcrDemand):
             replan_h=self.replan_h,
             dt_h=grid.dt_h,
             reserved_kw=reserved_kw,
+            fees_eur_mwh=setting.terms.fees_eur_mwh,
         )
 
 

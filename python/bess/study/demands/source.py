@@ -150,8 +150,14 @@ class Setting:
         size: tuple[float, float],
         efficiency: float,
         look_ahead_h: float,
+        cycles_per_day: float | None,
+        wear_eur_mwh: Callable[[State], float] | None = None,
     ) -> CycleBudget | None:
-        """Return the yearly budget, if any; ``size`` is power [kW] and energy [kWh] available for trading."""
+        """Return the yearly budget, if any.
+
+        ``size`` is power [kW] and energy [kWh] available for trading, ``cycles_per_day`` the daily limit of
+        plans, and ``wear_eur_mwh`` the wear cost in them; see :class:`bess.dispatch.CycleBudget`.
+        """
         limits = self.budget
         if not limits.is_set:
             return None
@@ -168,6 +174,9 @@ class Setting:
             efficiency=efficiency,
             look_ahead_steps=steps_in(look_ahead_h, grid.dt_h, "demand.look_ahead_h"),
             dt_h=grid.dt_h,
+            daily_kwh=(cycles_per_day or np.inf) * energy_kwh,
+            fees_eur_mwh=self.terms.fees_eur_mwh,
+            wear_eur_mwh=wear_eur_mwh,
         )
 
 
