@@ -83,8 +83,8 @@ PYTHON = [
     (
         "a group is proven by the search bound",
         BOUNDS,
-        "self._is_closed(index, group.objective, bound):\n            pass",
-        "self._is_closed(index, group.objective, search_bound):\n            pass",
+        "self._is_closed(index, group.objective, bound):\n            # The",
+        "self._is_closed(index, group.objective, search_bound):\n            # The",
     ),
     ("strings are alike whatever their states", DATA, "same = same & (np.diff(values) == 0.0)", "same = same"),
     ("strings are alike whatever their limits", GROUP, " & _equal_rows(problem.limit_kw)", ""),

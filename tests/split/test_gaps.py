@@ -6,6 +6,7 @@ import pytest
 import bess
 from bess import _core
 from bess.control.problem import SplitProblem
+from bess.control.split.result import SplitStatus
 from bess.control.split.settings import ROLLOUTS
 
 STEPS = 8
@@ -135,3 +136,21 @@ def test_a_priority_of_weight_zero_is_no_objective() -> None:
     assert split.groups[0].objective == split.groups[0].bound == 0.0
     assert split.objective < 0.26696
     assert split.gap < 1e-3 and split.status is bess.SplitStatus.OPTIMAL
+
+
+def test_a_proven_schedule_keeps_the_search_gap_of_the_same_schedule_without_proof():
+    """More nodes prove the schedule; the convexified program along it is still the same."""
+    system, goals = bess.System.reference(2), bess.Objectives.energy()
+    proven = 0
+    for seed in range(12):
+        rng = np.random.default_rng((11, seed))
+        state = bess.State(rng.uniform(0.0, 0.08, 2), rng.uniform(20.0, 40.0, 2))
+        demand_kw = rng.choice([-1.0, 1.0], 4) * rng.uniform(20.0, 180.0, 4)
+        one, many = (
+            bess.split_power(system, state, demand_kw, goals, node_limit=limit) for limit in (1, 200)
+        )
+        if np.array_equal(one.request_kw, many.request_kw):
+            assert many.bound >= one.bound
+            assert many.search_gap == pytest.approx(one.search_gap, abs=1e-9)
+            proven += one.status is not many.status is SplitStatus.OPTIMAL
+    assert proven >= 6

@@ -113,9 +113,8 @@ class Certificate:
             if self._wants_relaxation(index, bound):
                 ended = self._relaxed(ceilings, self._costs.reported, bound, group.objective)
                 bound = ended.bound
-        if self._is_closed(index, group.objective, bound):
-            pass
-        elif self._is_closed(index, group.search_objective, search_bound):
+        kept = self.incumbent, self.failed
+        if self._is_closed(index, group.search_objective, search_bound):
             reason = Termination.GAP
         elif group.is_search_optimum:
             reason = Termination.TREE
@@ -130,6 +129,9 @@ class Certificate:
             )
             search_bound = root.bound
             reason = root.reason if ended is None or root.reason is Termination.GAP else ended.reason
+        if self._is_closed(index, group.objective, bound):
+            # The schedule is proven, whatever the convexified program gives.
+            reason, (self.incumbent, self.failed) = None, kept
         objectives = self._settings.objectives
         members = objectives.groups[index]
         result = GroupResult(

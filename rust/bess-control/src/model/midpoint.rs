@@ -124,10 +124,13 @@ impl StringModel {
     ) -> (StringState, f64) {
         let wanted = c.derating * request_w;
         let internal = curve.internal_w(wanted, loss_at(wanted).0);
-        let (current_a, _) = small_root(c, interval.direction, internal);
+        let (mut current_a, _) = small_root(c, interval.direction, internal);
+        let p = &self.parameters;
+        if !p.voltage_allows(interval.direction, c.voltage_v, c.resistance_ohm * current_a) {
+            current_a = p.voltage_current_a(interval.direction, c.voltage_v, c.resistance_ohm);
+        }
         let half = Interval { dt_h: 0.5 * interval.dt_h, ..*interval };
-        let (low, high) = (self.parameters.soc_min, self.parameters.soc_max);
-        let soc = self.soc_after(state.soc, current_a, &half).clamp(low, high);
+        let soc = self.soc_after(state.soc, current_a, &half).clamp(p.soc_min, p.soc_max);
         let temperature_c = self.warmed(state.temperature_c, c.resistance_ohm * current_a * current_a, &half);
         (StringState { soc, temperature_c }, 2.0 * soc - state.soc)
     }
