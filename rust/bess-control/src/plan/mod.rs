@@ -29,6 +29,7 @@ pub use problem::{PlanProblem, Prices};
 
 use bess_tables::InputError;
 
+use dual::{Dual, ProofPrices};
 use look_ahead::{look_ahead, CostToGo};
 use pair::Pair;
 use pairs::PairValues;
@@ -92,9 +93,10 @@ impl PlanProblem<'_> {
     /// Plans by local search from `previous` `(M, T)` [W] (magnitudes, adapted to changes of demand and limits), or from the schedule
     /// of the best rule if that costs less; in a restart, from several starts.
     pub fn plan(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> Plan {
-        let (mut plan, price) = self.priced(previous, effort);
-        plan.bound =
-            price.zip(effort.proof_cells).and_then(|(price, cells)| proof::bound(self, &price, cells));
+        let (mut plan, dual) = self.priced(previous, effort);
+        plan.bound = dual
+            .zip(effort.proof_cells)
+            .and_then(|((_, for_proof), cells)| proof::bound(self, &for_proof, cells));
         plan
     }
 
@@ -117,7 +119,7 @@ impl PlanProblem<'_> {
         let n_steps = problem.n_steps();
         let model = groups.model(problem.model);
         let aggregated_w = warm_start.as_deref().map(|request_w| groups.aggregated(request_w, n_steps));
-        let (mut plan, price) = groups.problem(problem, &model)?.priced(aggregated_w.as_deref(), effort);
+        let (mut plan, dual) = groups.problem(problem, &model)?.priced(aggregated_w.as_deref(), effort);
         let mut paths = groups.disaggregated(problem, &plan.request_w);
         let rules = cores::map(Rule::ALL.to_vec(), |rule| starts::rule_schedule(rule, problem));
         plan.rule_cost = rules.iter().map(Paths::cost).fold(f64::INFINITY, f64::min);
@@ -127,15 +129,19 @@ impl PlanProblem<'_> {
         }
         plan.cost = paths.cost();
         plan.request_w = paths.request_w();
-        if let Some((price, cells)) = price.zip(effort.proof_cells) {
-            plan.search_bound = Some(dual::at_prices(problem, &price));
-            plan.bound = proof::bound(problem, &price, cells);
+        if let Some(((dual, for_proof), cells)) = dual.zip(effort.proof_cells) {
+            plan.search_bound = Some(dual::at_prices(problem, &dual.price));
+            plan.bound = proof::bound(problem, &for_proof, cells);
         }
         Ok(plan)
     }
 
-    /// A plan without a proven bound, and the prices of its dual bound, if computed.
-    fn priced(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> (Plan, Option<Vec<f64>>) {
+    /// A plan without a proven bound; the dual, and prices for a proof, if bounds are computed.
+    fn priced(
+        &mut self,
+        previous: Option<&[f64]>,
+        effort: PlanEffort,
+    ) -> (Plan, Option<(Dual, ProofPrices)>) {
         let n_steps = self.n_steps();
         let size = self.n_strings() * n_steps;
         let warm_start = previous.map(|request_w| starts::fit_to_problem(self, request_w));
@@ -159,22 +165,22 @@ impl PlanProblem<'_> {
         let plan = Plan {
             cost: best.cost(),
             rule_cost,
-            search_bound: dual.as_ref().map(|dual| dual.bound),
+            search_bound: dual.as_ref().map(|(dual, _)| dual.bound),
             bound: None,
             rollouts: ((replaced_work + best.work) as usize).div_ceil(size.max(1)),
             start_charge: start_charge(&mut best),
             request_w: best.request_w(),
         };
-        (plan, dual.map(|dual| dual.price))
+        (plan, dual)
     }
 
-    /// Improved schedules from `starts`, and from the dynamic programs of pairs and of single strings; if requested, the dual bound
-    /// with its prices in the steps of the problem.
+    /// Improved schedules from `starts`, and from the dynamic programs of pairs and of single strings; if bounds are requested, the
+    /// dual and prices for a proof, in the steps of the problem.
     fn restart<'p>(
         &'p self,
         starts: Vec<Paths<'p>>,
         effort: PlanEffort,
-    ) -> (Vec<Paths<'p>>, Option<dual::Dual>) {
+    ) -> (Vec<Paths<'p>>, Option<(Dual, ProofPrices)>) {
         let (n_steps, size, bounded) =
             (self.n_steps(), self.n_strings() * self.n_steps(), effort.proof_cells.is_some());
         let cycle = self.rounds_of_all_moves();
@@ -200,13 +206,23 @@ impl PlanProblem<'_> {
         }
         let mean = |prices: &[f64]| prices.iter().sum::<f64>() / prices.len() as f64;
         let first_price = price.chunks(per).map(mean).collect();
-        let mut dual = dual::ascend(&self.coarsened(per), first_price, known, effort.price_passes);
+        let coarse = self.coarsened(per);
+        let mut dual = dual::ascend(&coarse, first_price, known, effort.price_passes);
         let blocks = n_steps.div_ceil(per);
         let of_block = |k: usize| dual.request_w[k / n_steps * blocks + k % n_steps / per];
         let request_w: Vec<_> = (0..size).map(of_block).collect();
         found.push(polish(Paths::new(self, &starts::fit_to_problem(self, &request_w))));
-        dual.price = (0..n_steps).map(|t| dual.price[t / per]).collect();
-        (found, bounded.then_some(dual))
+        if !bounded {
+            return (found, None);
+        }
+        let known = found.iter().map(Paths::cost).fold(f64::INFINITY, f64::min);
+        let passes = effort.price_passes / 2; // from good prices
+        let mut for_proof = ProofPrices::of_relaxation(&coarse, &dual.price, known, passes)
+            .unwrap_or_else(|| ProofPrices { price: dual.price.clone(), relaxed: false });
+        for price in [&mut dual.price, &mut for_proof.price] {
+            *price = (0..n_steps).map(|t| price[t / per]).collect();
+        }
+        (found, Some((dual, for_proof)))
     }
 
     /// Rounds in which every pair meets and every length of blocks is tried.

@@ -6,7 +6,8 @@
 //! `F >= F + mu (F_e - C_e)` for all `mu >= 0`. The minimum of `F + mu F_e` is bounded below, less `mu C_e`.
 
 use crate::model::{ControlHorizon, CostsOf, Losses};
-use crate::plan::{dual, proof, PlanProblem, Prices};
+use crate::plan::dual::{self, ProofPrices};
+use crate::plan::{proof, PlanProblem, Prices};
 
 /// Iterations of the prices.
 const PASSES: usize = 40;
@@ -35,7 +36,8 @@ impl ControlHorizon {
                 costs.iter_mut().zip(before).for_each(|(total, cost)| *total += multiplier * cost);
                 ceiling_cost += multiplier * ceiling;
             }
-            self.priced(costs, objective + ceiling_cost, sample).map_or(0.0, |bound| bound - ceiling_cost)
+            self.priced(costs, objective + ceiling_cost, sample, free)
+                .map_or(0.0, |bound| bound - ceiling_cost)
         };
         let best = if free {
             bound(ZERO_CEILING_MULTIPLIER)
@@ -52,12 +54,19 @@ impl ControlHorizon {
         self.plan_problem(Losses::default()).map_or(0, |problem| problem.kinds().len())
     }
 
-    /// Lower bound of all schedules at costs of the losses [1/W], the same for all strings.
-    fn priced(&self, costs: [f64; 4], known_cost: f64, sample: usize) -> Option<f64> {
+    /// Lower bound of all schedules at costs of the losses [1/W], the same for all strings; if no undelivered energy is deducted,
+    /// with the prices of the relaxation where these are useful.
+    fn priced(&self, costs: [f64; 4], known_cost: f64, sample: usize, free: bool) -> Option<f64> {
         let problem = self.plan_problem(Losses::from_array(costs.map(|c| c / self.intervals[0].dt_h)))?;
         let (sample, share) = problem.sampled(sample);
-        let dual = dual::ascend(&sample, vec![0.0; self.n_steps()], share * known_cost, PASSES);
-        proof::bound(&problem, &dual.price, SOC_CELLS)
+        let (start, known_cost) = (vec![0.0; self.n_steps()], share * known_cost);
+        let relaxed =
+            if free { ProofPrices::of_relaxation(&sample, &start, known_cost, PASSES) } else { None };
+        let prices = relaxed.unwrap_or_else(|| {
+            let dual = dual::ascend(&sample, start, known_cost, PASSES);
+            ProofPrices { price: dual.price, relaxed: false }
+        });
+        proof::bound(&problem, &prices, SOC_CELLS)
     }
 
     /// The problem of a plan at prices of the losses, the same for all strings and steps; nothing else has a price.

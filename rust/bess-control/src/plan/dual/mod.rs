@@ -18,6 +18,9 @@ const CLEARING_SHARE: f64 = 0.5;
 /// Step of the prices in one of these iterations.
 const CLEARING_STEP: f64 = 0.5;
 
+/// Minimum share of the known cost that the bound of a relaxation reaches. If it is lower, undelivered energy is most of the cost.
+const RELAXED_SHARE: f64 = 0.5;
+
 pub(crate) struct Dual {
     /// Lower bound of the cost of every schedule, on the grid.
     pub bound: f64,
@@ -25,6 +28,29 @@ pub(crate) struct Dual {
     pub request_w: Vec<f64>,
     /// The prices of the bound `(T,)` [cost/Wh].
     pub price: Vec<f64>,
+}
+
+/// Prices of the balance `(T,)` [cost/Wh] for a proof of the problem, or of its relaxation.
+pub(crate) struct ProofPrices {
+    pub price: Vec<f64>,
+    pub relaxed: bool,
+}
+
+impl ProofPrices {
+    /// Prices of the relaxation, starting at `price`; None if undelivered energy is most of the known cost.
+    ///
+    /// The values of the relaxation have flatter slopes near empty, full and hot, so that the errors of a proof are smaller.
+    pub(crate) fn of_relaxation(
+        problem: &PlanProblem<'_>,
+        price: &[f64],
+        known_cost: f64,
+        passes: usize,
+    ) -> Option<Self> {
+        let relaxed = problem.relaxed();
+        let start = price.iter().enumerate().map(|(t, price)| price.min(relaxed.shed_price(t))).collect();
+        let dual = ascend(&relaxed, start, known_cost, passes);
+        (dual.bound >= RELAXED_SHARE * known_cost).then_some(Self { price: dual.price, relaxed: true })
+    }
 }
 
 /// Bound of the cost of every schedule at prices `(T,)` [cost/Wh].

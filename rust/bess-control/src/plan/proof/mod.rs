@@ -29,6 +29,7 @@ use bess_tables::{widest, Direction};
 use crate::cores;
 use crate::extremes::{larger, smaller};
 use crate::model::{Range, StringModel, StringState};
+use crate::plan::dual::ProofPrices;
 use crate::plan::nodes::Nodes;
 use crate::plan::problem::PlanProblem;
 use errors::{Curvature, Errors, StepPrices};
@@ -316,15 +317,17 @@ fn lerp(row: &[f64], cell: usize, share: f64) -> f64 {
 }
 
 /// Lower bound of the cost of every schedule on the control model with the coefficients of the start of each step, from
-/// prices of the balance `(T,)` [cost/Wh]. SOC balancing is omitted; it only adds to the cost.
+/// prices of the balance. SOC balancing is omitted; it only adds to the cost.
 ///
 /// `soc_cells` is the resolution for identical strings; work grows with its third power. None with reactive power, or if the
 /// internal power of an inverter does not increase with its delivered power.
-pub(crate) fn bound(problem: &PlanProblem<'_>, price: &[f64], soc_cells: usize) -> Option<f64> {
+pub(crate) fn bound(problem: &PlanProblem<'_>, prices: &ProofPrices, soc_cells: usize) -> Option<f64> {
+    let relaxed = prices.relaxed.then(|| problem.relaxed());
+    let problem = relaxed.as_ref().unwrap_or(problem);
     let kinds = problem.kinds();
     let cells = soc_cells.clamp(MIN_CELLS, MAX_CELLS) as f64;
     let cells = cells.min((cells / (kinds.len() as f64).cbrt()).max(MIN_CELLS_OF_A_KIND));
-    proven(problem, price, &kinds, |m| Resolution::of(problem, m, cells))
+    proven(problem, &prices.price, &kinds, |m| Resolution::of(problem, m, cells))
 }
 
 fn proven(
