@@ -358,6 +358,24 @@ def test_peak_shaving_keeps_the_peak_that_perfect_foresight_could() -> None:
     assert draw.max() == pytest.approx(least, rel=0.01)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_the_default_limit_of_a_peak_is_kept_by_a_plant_with_losses(seed: int, tmp_path: Path) -> None:
+    """With the given losses alone the plant became empty within the peak, which was up to twice the limit."""
+    rng = np.random.default_rng(seed)
+    quarter = np.arange(192)
+    day = 80.0 + 60.0 * np.clip(np.sin(quarter * 2.0 * np.pi / 96.0 + rng.uniform(0.0, 6.0)), -0.5, 1.0)
+    evening = 150.0 * (seed % 2) * (quarter % 96 > 88)
+    index = pd.date_range("2024-03-04", periods=quarter.size, freq="15min", tz="UTC", name="time")
+    load = pd.DataFrame({"kw": np.abs(day + evening + rng.normal(0.0, 10.0, quarter.size))}, index)
+    load.to_csv(tmp_path / "load.csv")
+    demand = {"kind": "peak-shaving", "load": str(tmp_path / "load.csv")}
+    document = {"name": "peak", "system": {}, "demand": demand, "run": {"days": 2.0}}
+    result = bess.run(bess.Study.from_document(document, "peak"), progress=False)
+    limit_kw = float(result.dataset.grid_limit_kw[0])
+    assert limit_kw < 0.85 * load["kw"].max()
+    assert result.kpis["peak_draw_kw"] <= limit_kw * (1.0 + 1e-6)
+
+
 def test_whatever_round_trip_is_assumed_plans_behind_a_meter_lose_the_same_and_less_than_equal() -> None:
     """With 0.85 they wasted energy to make room for charging that never came: 205 kWh lost, `equal` 195.
 

@@ -157,8 +157,8 @@ class ArbitrageDemand(DemandSection):
         file, key = self.prices, "demand.prices"
         if file is None:
             raise InputError(
-                f"{setting.name}: demand.prices is not set: name a price file (SMARD, Energy-Charts or "
-                "ENTSO-E export), such as demand.prices = FILE.csv"
+                "demand.prices is not set: name a price file (SMARD, Energy-Charts or ENTSO-E export), "
+                "such as demand.prices = FILE.csv"
             )
         read = self._read(file, self.product)
         given = setting.series_of(read, file, key)

@@ -100,10 +100,11 @@ class PeakShavingDemand(SiteDemand):
     """Section ``[demand]`` with ``kind = "peak-shaving"``: limit on the grid import.
 
     The plant supplies the load above ``limit_kw`` and charges up to ``ready_soc`` with the remaining power
-    below it. By default, ``limit_kw`` is the lowest limit that is feasible with perfect foresight
-    (:func:`bess.dispatch.min_peak_kw`). A kW of reduced peak import saves ``demand_charge_eur_kw_year``,
-    in proportion to the length of the run; with ``peak_eur_kw_month``, each month has a limit of its own, and
-    its price replaces that of the year.
+    below it. By default, ``limit_kw`` is the lowest limit that is feasible with perfect foresight and twice
+    the losses (:func:`bess.dispatch.min_peak_kw`): a plant that becomes empty within a peak loses all of the
+    reduction, and one that keeps energy in reserve a small part of it. A kW of reduced peak import saves
+    ``demand_charge_eur_kw_year``, in proportion to the length of the run; with ``peak_eur_kw_month``, each
+    month has a limit of its own, and its price replaces that of the year.
     """
 
     kind: Literal["peak-shaving"] = "peak-shaving"
@@ -122,12 +123,12 @@ class PeakShavingDemand(SiteDemand):
                 power_kw=target.power_kw,
                 capacity_kwh=target.capacity_kwh,
                 stored_kwh=store.stored_kwh(setting.system.initial_state()),
-                one_way_efficiency=store.one_way_efficiency,
+                one_way_efficiency=store.one_way_efficiency**2,
                 month=0 if site.tariff is None else site.tariff.month,
             )
         else:
             target_kw = np.full(n_steps, self.limit_kw)
-        found = "as given" if self.limit_kw else "the minimum with perfect forecast"
+        found = "as given" if self.limit_kw else "the minimum with perfect forecast and twice the losses"
         limits = " and ".join(rounded(each, 4) for each in dict.fromkeys(target_kw.tolist()))
         setting.note(f"limit of the grid connection: {limits} kW, {found}")
         series = {"grid_limit_kw": target_kw}
