@@ -148,11 +148,10 @@ def report(
 ) -> None:
     """Write a self-contained HTML report and figures of a run or of a plant journal."""
     from bess.edge.plant_io.journal import is_journal
-    from bess.optional_dependencies import extra
-    from bess.report import write_report
+    from bess.report import drawing_extra, write_report
 
     if is_journal(directory):
-        with extra("report", "a report or figure"):
+        with drawing_extra():
             from bess.edge.plant_io.journal_page import write_journal_report
         print(write_journal_report(directory))
     else:
@@ -215,10 +214,10 @@ def compare(
 ) -> None:
     """Compare runs: print their KPIs and write an HTML page with figures."""
     from bess.cli.records import kpi_table, runs_of
-    from bess.optional_dependencies import extra
+    from bess.report import drawing_extra
 
     runs = runs_of(directories)
-    with extra("report", "a report or figure"):
+    with drawing_extra():
         from bess.report.page import write_comparison
         from bess.report.words.summary import choices, unlike
     if differing := unlike(runs) or choices(runs):

@@ -3,6 +3,7 @@
 The drawing libraries are an extra. Only modules that draw import them, so this package needs no extra.
 """
 
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,11 @@ if TYPE_CHECKING:
     from bess.report.drawing.style import save_figure
 
 __all__ = ["save_figure", "write_report"]
+
+
+def drawing_extra() -> AbstractContextManager[None]:
+    """Return the context for importing modules that draw; its error names the missing extra."""
+    return extra("report", "a report or figure")
 
 
 def write_report(
@@ -48,7 +54,7 @@ def write_report(
     InputError
         There is no run to show.
     """
-    with extra("report", "a report or figure"):
+    with drawing_extra():
         from bess.report.page import Options, write_pages
     return write_pages(Path(directory), Options(hindsight, rules, print_files))
 
@@ -56,6 +62,6 @@ def write_report(
 def __getattr__(name: str) -> object:
     if name != "save_figure":
         raise AttributeError(f"module 'bess.report' has no attribute {name!r}")
-    with extra("report", "a report or figure"):
+    with drawing_extra():
         from bess.report.drawing.style import save_figure
     return save_figure
