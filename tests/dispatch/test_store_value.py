@@ -102,3 +102,11 @@ def test_another_currency_has_the_same_schedule(currency: float) -> None:
     np.testing.assert_array_equal(others.power_kw, euros.power_kw)
     assert others.net_eur == currency * euros.net_eur
     assert others.cycle_price_eur == currency * euros.cycle_price_eur
+
+
+def test_fees_are_paid_for_the_energy_of_each_direction() -> None:
+    """A cycle of 800 kWh at 20 and 100 EUR/MWh: 1,000 kWh charged, 640 kWh discharged; higher fees: none."""
+    given = {"energy_kwh": 800.0, "power_kw": 1000.0, "round_trip": 0.64, "cycles": None, "dt_h": 1.0}
+    value = bess.store_value([20.0, 100.0], fees_eur_mwh=(5.0, 10.0), **given)
+    assert value.net_eur == pytest.approx(0.64 * 90.0 - 1.0 * 25.0)
+    assert bess.store_value([20.0, 100.0], fees_eur_mwh=(50.0, 40.0), **given).net_eur == 0.0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.dispatch.forecast import Forecast
-from bess.dispatch.store_value import best_trade
+from bess.dispatch.store_value import store_value
 from bess.system import State
 from bess.units import HOURS_PER_DAY, KWH_PER_MWH
 
@@ -197,13 +197,13 @@ class CycleBudget(Checkpointed):
         cycles = due / self._usable_kwh * price.size / self._day_steps
         charge_fee, discharge_fee = self._fees_eur_mwh
         wear_eur_mwh = 0.0 if self._wear_eur_mwh is None else self._wear_eur_mwh(state)
-        value = best_trade(
+        value = store_value(
             price,
-            self._dt_h,
-            energy_kwh=self._usable_kwh,
-            power_kw=self._power_kw,
-            round_trip=self._efficiency,
+            self._usable_kwh,
+            self._power_kw,
+            self._efficiency,
             cycles=cycles,
+            dt_h=self._dt_h,
             fees_eur_mwh=(charge_fee, discharge_fee + wear_eur_mwh),
         )
         value_eur = due * value.cycle_price_eur / self._usable_kwh

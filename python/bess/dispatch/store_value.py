@@ -59,13 +59,16 @@ def store_value(
     initial_kwh: float = 0.0,
     *,
     dt_h: float = 0.25,
+    fees_eur_mwh: tuple[float, float] = (0.0, 0.0),
 ) -> StoreValue:
     r"""Return the maximum income of an ideal store on a price series, by one linear program.
 
     The program of :class:`bess.dispatch.Arbitrage` without cycle limits of days: with charging :math:`c` and
-    discharging :math:`d` (AC), stored energy :math:`e` and :math:`\eta` the root of the round trip,
+    discharging :math:`d` (AC), the fee :math:`f` of each, stored energy :math:`e` and :math:`\eta` the root
+    of the round trip,
 
-    .. math:: \max \sum_t \pi_t (d_t - c_t)\,\Delta t \quad\text{s. t.}\quad
+    .. math:: \max \sum_t \bigl((\pi_t - f_d)\, d_t - (\pi_t + f_c)\, c_t\bigr)\,\Delta t
+       \quad\text{s. t.}\quad
        e_t = e_{t-1} + \eta c_t \Delta t - d_t \Delta t / \eta,\quad 0 \le e_t \le E,\quad
        0 \le c_t, d_t \le P,\quad d_t \Delta t / \eta \le e_{t-1},\quad
        \sum_t \eta c_t \Delta t \le n E .
@@ -91,6 +94,8 @@ def store_value(
         Stored energy at the start.
     dt_h : float
         Step of prices without times [h].
+    fees_eur_mwh : pair of float
+        Fees on each MWh charged and discharged (AC).
 
     Raises
     ------
@@ -125,37 +130,14 @@ def store_value(
         raise InputError(f"store_value: round_trip {round_trip} is outside (0, 1]")
     if not 0.0 <= initial_kwh <= energy_kwh:
         raise InputError(f"store_value: initial_kwh {initial_kwh:g} kWh is outside [0, {energy_kwh:g}] kWh")
+    charge_fee, discharge_fee = (one_number("store_value: fees_eur_mwh", fee) for fee in fees_eur_mwh)
     if dt_h > 24.0:
         raise InputError(f"store_value: steps of {dt_h:g} h are longer than 24 h; give dt_h in hours")
     price, dt_h = price_steps(prices, dt_h)
-    return best_trade(
-        price,
-        dt_h,
-        energy_kwh=energy_kwh,
-        power_kw=power_kw,
-        round_trip=round_trip,
-        cycles=cycles,
-        initial_kwh=initial_kwh,
-    )
-
-
-def best_trade(
-    price: Array,
-    dt_h: float,
-    *,
-    energy_kwh: float,
-    power_kw: float,
-    round_trip: float,
-    cycles: float | None,
-    initial_kwh: float = 0.0,
-    fees_eur_mwh: tuple[float, float] = (0.0, 0.0),
-) -> StoreValue:
-    """Return the value of :func:`store_value`, with fees on each MWh charged and discharged (AC)."""
     # In per unit: power over power_kw, energy over power_kw times 1 h, prices over the largest.
     one_way, capacity, initial = float(np.sqrt(round_trip)), energy_kwh / power_kw, initial_kwh / power_kw
     largest = float(np.abs(price).max()) or 1.0
     unit_eur, unit = largest * power_kw / KWH_PER_MWH, dt_h / largest
-    charge_fee, discharge_fee = fees_eur_mwh
     program = StoreProgram(
         np.full(price.size, dt_h),
         one_way,
