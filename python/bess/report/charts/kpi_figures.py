@@ -176,7 +176,9 @@ _FLOW_PARTS: Final = {
     "battery": ("Batteries", style.BATTERY),
     "hysteresis": ("Hysteresis", style.HYSTERESIS),
 }
-_MISSING, _BESIDE, _LOST = (tuple(_FLOW_PARTS)[part] for part in (slice(3), slice(3, 5), slice(5, 8)))
+_MISSING: Final = ("unmet", "derating", "availability")
+_BESIDE: Final = ("standby", "auxiliary")
+_LOST: Final = ("inverter", "battery", "hysteresis")
 
 
 def _flow_rows(flow: Mapping[str, Mapping[str, float]]) -> list[tuple[str, float, float, str]]:

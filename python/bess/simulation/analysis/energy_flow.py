@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+from bess.arrays import Array, Flags
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,10 +31,10 @@ def energy_flow(dataset: xr.Dataset) -> dict[str, dict[str, float]]:
     )
     discharges = np.where(delivered != 0.0, delivered > 0.0, drawn > 0.0)
 
-    def energy(kw: Any, counts: Any) -> float:
+    def energy(kw: Array, counts: Flags) -> float:
         return float(kw[counts].sum()) * dt_h
 
-    def direction(sign: float, flows: Any) -> dict[str, float]:
+    def direction(sign: float, flows: Flags) -> dict[str, float]:
         asked, wanted = sign * demand > 0.0, sign * request > 0.0
         return {
             "asked": energy(np.abs(demand), asked),
