@@ -60,6 +60,9 @@ def check(system: bess.System, corner: str, n_steps: int, objectives: str, rng: 
         within = costs[costs[:, 0] <= ceiling] if ceilings else costs
         bound = control.priced_bound(np.array(ceilings), FAR, PRICED_SAMPLE)
         assert 0.0 <= bound <= within[:, -1].min() * (1.0 + 1e-12)
+        # Near a known cost the prices are those of the relaxation.
+        known = 1.5 * within[:, -1].min()
+        assert control.priced_bound(np.array(ceilings), known, PRICED_SAMPLE) <= known / 1.5 * (1.0 + 1e-12)
     if costs.shape[1] > 1:
         assert control.priced_bound(np.array([]), FAR, PRICED_SAMPLE) <= costs[:, 0].min() + 1e-12
 
