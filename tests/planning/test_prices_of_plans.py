@@ -32,7 +32,17 @@ def test_a_shortfall_costs_what_the_ledger_counts() -> None:
     prices = prices_of(terms, [100.0, -40.0], [50.0, -50.0])
     for loss in (AVAILABILITY, DERATING):
         np.testing.assert_allclose(prices.losses[:, loss], [0.130, 0.070])
-    assert prices.start == 0.5
+
+
+@pytest.mark.parametrize("start_kwh", [0.0, 0.15, 1.0])
+def test_a_start_costs_what_the_ledger_counts_and_its_energy_at_the_price_of_losses(start_kwh: float) -> None:
+    goals = bess.Objectives.money(start_kwh=start_kwh)
+    price = np.array([100.0, 40.0])
+    prices = PlanPrices.money(
+        goals, SettlementTerms(start_eur=0.5), np.array([50.0, -50.0]), price, np.zeros(2)
+    )
+    assert prices.start == pytest.approx(0.5 + start_kwh * 0.040)
+    assert bess.Objectives.money().start_kwh == 0.15
 
 
 def test_no_price_makes_losses_welcome() -> None:

@@ -96,8 +96,8 @@ class Objectives(PublicSection):
     shortfall : float or None
         Weight of undelivered energy over losses; kind ``"energy"`` only, 3 by default.
     start_kwh : float or None
-        Cost of an inverter start in plans [kWh of losses]; kind ``"energy"`` only. The default is 0.15 for
-        inverters of 92 kW; ``mpc`` and :func:`bess.plan_power` take others in proportion
+        Cost of an inverter start in plans [kWh of losses]; kinds ``"energy"`` and ``"money"`` only. The
+        default is 0.15 for inverters of 92 kW; ``mpc`` and :func:`bess.plan_power` take others in proportion
         (:meth:`for_inverters`). A certified split ignores it, because its horizon is short.
     normalisation : {"constant", "payoff", "energy"}
         Divisor of each loss. ``"constant"``: its value at nominal power on every string and step, so that a
@@ -159,17 +159,16 @@ class Objectives(PublicSection):
     @model_validator(mode="after")
     def _resolve(self) -> Self:
         """Fill in the defaults of the kind; given values remain marked as given."""
-        energy = self.kind == "energy"
+        energy, planned = self.kind == "energy", self.kind != "paper"
         if not energy and self.shortfall is not None:
             raise ValueError(f'shortfall is for kind = "energy"; with "{self.kind}", set weights')
-        if not energy and self.start_kwh is not None:
-            instead = "settlement.start_eur" if self.kind == "money" else 'kind = "energy"'
-            raise ValueError(f'start_kwh is for kind = "energy"; with "{self.kind}", use {instead}')
+        if not planned and self.start_kwh is not None:
+            raise ValueError('start_kwh is for kind = "energy" or "money"; "paper" has no cost of starts')
         if energy and self.shortfall is None:
             object.__setattr__(self, "shortfall", SHORTFALL)
-        if energy and self.start_kwh is None:
+        if planned and self.start_kwh is None:
             object.__setattr__(self, "start_kwh", START_KWH)
-        if self.kind != "paper" and "normalisation" not in self.model_fields_set:
+        if planned and "normalisation" not in self.model_fields_set:
             object.__setattr__(self, "normalisation", "energy")
         for name in NAMES:
             given: Objective = getattr(self, name)
@@ -189,7 +188,7 @@ class Objectives(PublicSection):
         The default price of a start is in proportion to the mean: a plant of twice the size has the same
         plans, twice.
         """
-        if self.kind != "energy" or "start_kwh" in self.model_fields_set:
+        if self.start_kwh is None or "start_kwh" in self.model_fields_set:
             return self
         return self.model_copy(update={"start_kwh": START_KWH * (float(nominal_kw.mean()) / _START_KW)})
 

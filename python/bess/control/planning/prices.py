@@ -61,7 +61,8 @@ class PlanPrices:
         not change the energy traded in a step. Losses reduce the stored energy in both directions, and the
         plant buys this energy when it next charges. With buying price :math:`\pi + f_c`, the price of a loss
         in step ``t`` is the power-weighted mean over the charging steps from ``t`` on. If the forecast
-        contains no charging, the price is the median over the horizon.
+        contains no charging, the price is the median over the horizon. A start costs ``start_eur`` of the
+        settlement and ``start_kwh`` of the objectives at the mean price of a loss.
 
         Parameters
         ----------
@@ -95,7 +96,8 @@ class PlanPrices:
         losses = np.empty((price_eur_mwh.size, 4))
         losses[:, :2], losses[:, 2:] = undelivered[:, None], loss[:, None]
         weights = np.array([objective.weight for objective in objectives.members])
-        return cls(losses * weights, wear_eur_ah, terms.start_eur)
+        start_eur = terms.start_eur + (objectives.start_kwh or 0.0) * float(loss.mean())
+        return cls(losses * weights, wear_eur_ah, start_eur)
 
     def for_soc_dependent_demand(self) -> PlanPrices:
         """Return these prices for SOC-dependent demand (docs/foresight.md).

@@ -150,9 +150,7 @@ def limit_sentences(run: Run) -> list[str]:
     if starts > _MANY_STARTS_PER_DAY:
         # Only plans weigh starts against losses.
         planned = (run.dataset["solver_status"].values == PLANNED).any()
-        priced = run.study["policy"].get("objectives", {}).get("kind") == "money"
-        key = "settlement.start_eur" if priced else "policy.objectives.start_kwh"
-        remedy = f" Fewer starts: raise {key}, the price of a start." * bool(planned)
+        remedy = " Fewer starts: raise policy.objectives.start_kwh, the price of a start." * bool(planned)
         said.append(f"{starts:.0f} starts of each inverter a day.{remedy}")
     return said
 
