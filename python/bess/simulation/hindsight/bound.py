@@ -1,4 +1,4 @@
-"""A lower bound on undelivered energy and losses of any split of a demand: one linear program over a run.
+"""A lower bound on undelivered energy and losses of any split of a demand: one conic program over a run.
 
 The variables are means over control steps, summed over identical strings. Strings that are on have delivered
 power ``p``, inverter loss ``w``, heat ``h``, number ``o``, sum ``q`` of temperature excesses ``theta``, and,
@@ -30,11 +30,6 @@ from bess.simulation.hindsight.safe_program import Program
 from bess.simulation.hindsight.thermal_rates import thermal_rates
 from bess.system import State, System
 
-_HEAT_LEVELS = np.geomspace(0.08, 1.7, 24)
-"""Chemical powers, as shares of the power typical of a string, at which tangents support the heat parabola
-from below; between two of them the parabola is half a per cent higher at most."""
-_TYPICAL_K = 15.0
-"""Temperature excess of these tangents [K]."""
 _MAX_FINE = 2
 """Maximum number of kinds of strings for which fine levels take only seconds."""
 _ROUNDING = 1e-9
@@ -220,11 +215,8 @@ class _Relaxation(Program):
         )
         on: list[_Running] = []
         for share in self.shares:
-            typical_kw = np.minimum(max_kw, asked_kw / share.least)
             number = min(count, share.most)
-            running = [
-                self._running(string, band, number, max_kw, typical_kw, max_x) for band in string.bands
-            ]
+            running = [self._running(string, band, number, max_kw, max_x) for band in string.bands]
             share.on.extend(running)
             on.extend(running)
         # Strings charged with less than their inverter loss take power without storing it and warm slightly.
@@ -284,11 +276,11 @@ class _Relaxation(Program):
             )
 
     def _running(
-        self, string: RelaxedString, band: Band, count: int, max_kw: Array, typical_kw: Array, max_x: Array
+        self, string: RelaxedString, band: Band, count: int, max_kw: Array, max_x: Array
     ) -> _Running:
         """Add variables and rows of the strings that are on in a band: ``count`` of them at most.
 
-        Each has a power of at most ``max_kw``, near ``typical_kw``; ``max_x`` limits their chemical power.
+        Each has a power of at most ``max_kw``; ``max_x`` limits their chemical power.
         """
         steps, levels, dt_h = self.active.size, string.energy_kwh.size, self.dt_h
         discharging, direction, sign = self.discharging, self.direction, self.sign
@@ -324,16 +316,8 @@ class _Relaxation(Program):
             here = np.flatnonzero(direction == way)
             for intercept, slope in zip(*string.loss[way], strict=True):
                 self.at_most(zero[here], (p[here], slope), (o[here], intercept), (w[here], -1.0))
-        # Heat: tangents below (root x)^2 / G, with the conductance G.
-        for level in _HEAT_LEVELS:
-            touch = level * typical_kw * root[:, levels // 2] / (cold_s + warm_s * (low_k + _TYPICAL_K))
-            self.at_most(
-                zero,
-                (x, 2.0 * touch[:, None] * root),
-                (o, -(touch**2) * cold_s),
-                (q, -(touch**2) * warm_s),
-                (h, -1.0),
-            )
+        # Heat: (sum of root x)^2 <= h G, with the conductance G = cold o + warm q.
+        self.at_most_product((x, root), (h, 1.0), (o, cold_s), (q, warm_s))
         return _Running(x, o, q, p, h)
 
 
