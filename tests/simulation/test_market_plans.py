@@ -84,6 +84,14 @@ def test_a_linear_plan_has_the_energy_of_strings_in_service_only() -> None:
     assert 200.0 < stored_kwh.max() < SYSTEM.nominal_energy_kwh[0] + 1.0
 
 
+def test_a_linear_plan_fills_aged_strings_no_further_than_they_hold() -> None:
+    aged = bess.State([0.0, 0.0], [25.0, 25.0], soh_capacity=[0.9, 0.7])
+    plan_kw = linear().plan(0, replace(now(), state=aged), 0.0).demand_kw
+    stored_kwh = -np.cumsum(np.where(plan_kw < 0.0, plan_kw * 0.9**0.5, plan_kw / 0.9**0.5)) * 0.25
+    held_kwh = float(SYSTEM.nominal_energy_kwh @ aged.soh_capacity)
+    assert 0.99 * held_kwh < stored_kwh.max() < held_kwh + 1.0
+
+
 @pytest.mark.parametrize("off", [{"soc": 0.1}, {"temperature_c": 5.0}])
 def test_a_plant_that_is_elsewhere_makes_a_new_plan_when_it_is_looked_at(off: dict[str, float]) -> None:
     aware = planner()

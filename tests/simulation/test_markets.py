@@ -112,6 +112,15 @@ def test_positions_are_settled_to_the_cent_and_sum_to_what_is_delivered(values: 
     assert result.kpis["net_eur"] == pytest.approx(income - costs, abs=0.005)
 
 
+def test_aged_strings_sell_no_more_than_they_hold(values: dict[str, Any]) -> None:
+    aged = values | {"system.initial_soh_capacity": 0.6, "system.initial_soc": 0.0}
+    inputs = prepare(bess.load_study("arbitrage-2024", aged))
+    kw = inputs.series["position_kw"][:, 0]
+    stored_kwh = -np.cumsum(np.where(kw < 0.0, kw * 0.9**0.5, kw / 0.9**0.5)) * 0.25
+    held_kwh = 0.6 * float(inputs.system.nominal_energy_kwh.sum())
+    assert 0.9 * held_kwh < np.ptp(stored_kwh) < held_kwh + 1.0
+
+
 def test_an_auction_without_a_product_reads_the_default_of_its_file(
     values: dict[str, Any], tmp_path: Path
 ) -> None:

@@ -228,15 +228,16 @@ class ArbitrageDemand(DemandSection):
             read = self._read(file, market.product)
             prices.append(self._to_the_end(setting, grid, read, file, f"{key}.prices").on(grid))
             steps.append(steps_in(market.step_min / 60.0, grid.dt_h, f"{key}.step_min"))
-        planner = self._linear(setting.system, grid, PerfectForecast(price), replan_h=grid.dt_h)
-        stored_kwh = StorageEstimator(setting.system, self.efficiency).stored_kwh(
-            setting.system.initial_state()
+        state = setting.system.initial_state()
+        planner = self._linear(
+            setting.system, grid, PerfectForecast(price), soh_capacity=state.soh_capacity, replan_h=grid.dt_h
         )
+        stored_kwh = StorageEstimator(setting.system, self.efficiency).stored_kwh(state)
         position_kw = auction_positions(
             [*prices, price],
             planner,
             product_steps=steps,
-            stored_kwh=min(self._size(setting.system)[1], stored_kwh),
+            stored_kwh=min(planner.energy_kwh, stored_kwh),
             foresight=self.forecast == "perfect",
         )
         return {"position_kw": position_kw, "auction_price_eur_mwh": np.stack(prices, axis=1)}
@@ -314,10 +315,11 @@ class ArbitrageDemand(DemandSection):
         grid: TimeGrid,
         prices: Forecast,
         connection: GridConnection | None = None,
+        soh_capacity: Array | float = 1.0,
         **more: Any,
     ) -> Arbitrage:
         """Return the linear dispatch of the section; ``more`` are further arguments of it."""
-        power_kw, energy_kwh = self._size(system)
+        power_kw, energy_kwh = self._size(system, soh_capacity)
         return Arbitrage(
             prices,
             calendar_days(grid.index, self.market_time_zone),
@@ -334,10 +336,10 @@ class ArbitrageDemand(DemandSection):
             **more,
         )
 
-    def _size(self, system: System) -> tuple[float, float]:
+    def _size(self, system: System, soh_capacity: Array | float = 1.0) -> tuple[float, float]:
         """Return the power [kW] and energy [kWh] available for trading."""
         low, high = system.soc_window
-        energy_kwh = float((system.nominal_energy_kwh * (high - low)).sum())
+        energy_kwh = float((system.nominal_energy_kwh * (high - low) * soh_capacity).sum())
         power_kw = float(system.nominal_kw.sum())
         return min(power_kw, self.max_power_kw or power_kw), min(
             energy_kwh, self.max_energy_kwh or energy_kwh

@@ -77,7 +77,7 @@ class LinearPlanner:
         only.
         """
         (low, high), counts = self._system.soc_window, counted(now.limit_kw)
-        capacity_kwh = self._system.nominal_energy_kwh * (high - low)
+        capacity_kwh = self._system.nominal_energy_kwh * (high - low) * now.state.soh_capacity
         stored_kwh = nominal_stored_kwh(self._system, now.state.soc, now.state.soh_capacity)
         demand_kw = self._arbitrage.plan(
             step,
