@@ -46,13 +46,18 @@ def one(directory: Path, **changes: object) -> dict[str, Run]:
 
 
 @pytest.mark.parametrize(
-    ("mode", "gain_kwh", "said"),
-    [("certified", -9.0, True), ("certified", 9.0, False), ("plan", -9.0, False)],
+    ("policy", "gain_kwh", "said"),
+    [
+        ({"mode": "certified"}, -9.0, True),
+        ({"mode": "certified"}, 9.0, False),
+        ({"mode": "plan"}, -9.0, False),
+        ({"mode": "certified", "name": "equal"}, -9.0, False),
+    ],
 )
 def test_certified_splits_that_lose_more_than_a_rule_point_to_plans(
-    mode: str, gain_kwh: float, said: bool, tmp_path: Path
+    policy: dict[str, str], gain_kwh: float, said: bool, tmp_path: Path
 ) -> None:
-    write_run(tmp_path / "run", record(2, 96), policy={"mode": mode})
+    write_run(tmp_path / "run", record(2, 96), policy=policy)
     runs = runs_in(tmp_path / "run")[0]
     (run,) = runs.values()
     run.kpis["gain_kwh"] = gain_kwh
@@ -145,6 +150,17 @@ def test_what_limits_the_plant_is_its_largest_loss_with_the_hours_and_energy_of_
     )
 
 
+def test_a_single_string_and_less_than_a_day_have_remedies_of_their_own(tmp_path: Path) -> None:
+    data = record(1, 8)
+    data["delivered_kw"][:] *= 0.3
+    write_run(tmp_path / "run", data)
+    (run,) = runs_in(tmp_path / "run")[0].values()
+    said = " ".join(limit_sentences(run))
+    assert "A smaller inverter would help." in said and "Fewer inverters" not in said
+    run.kpis["starts_per_day"] = 96.0
+    assert "starts of each inverter" not in " ".join(limit_sentences(run))
+
+
 def test_energy_that_other_strings_had_left_is_what_another_split_can_give(tmp_path: Path) -> None:
     data = record(2, 96)
     for name in ("availability", "derating", "inverter", "battery", "hysteresis"):
@@ -158,7 +174,7 @@ def test_energy_that_other_strings_had_left_is_what_another_split_can_give(tmp_p
         write_run(tmp_path / name, data)
         (run,) = runs_in(tmp_path / name)[0].values()
         first = limit_sentences(run)[0]
-        assert first.startswith("Empty strings in 0 h: 15.0 kWh")
+        assert first.startswith("Empty strings in 0.25 h: 15.0 kWh")
         assert ("For 100 % of it other strings had" in first) == (name == "left")
 
 

@@ -45,7 +45,7 @@ def _service(run: Run) -> Iterator[Tile]:
     if is_reserve(data):
         sold_kw = float(data["capacity_kw"].values.mean())
         hours = data.sizes["time"] * step_h(data)
-        yield Tile("Reserve sold", amount(sold_kw), "kW", f"on average of {hours:,.0f} h")
+        yield Tile("Reserve sold", amount(sold_kw), "kW", f"on average of {hours:,.4g} h")
         yield _tile("outside_window_h", kpis, "in which the strings could not sustain the full reserve")
         if sold_kw > 0.0 and "net_eur" in kpis:
             per_mw = kpis["net_eur"] / (sold_kw / _KW_PER_MW)
@@ -147,7 +147,8 @@ def limit_sentences(run: Run) -> list[str]:
         if kwh > _MIN_NAMED_SHARE * total
     ]
     starts = run.kpis["starts_per_day"] / run.dataset.sizes["string"]
-    if starts > _MANY_STARTS_PER_DAY:
+    # Less than a day has the starts of its own beginning.
+    if min(starts, run.kpis["inverter_starts_mean"]) > _MANY_STARTS_PER_DAY:
         # Only plans weigh starts against losses.
         planned = (run.dataset["solver_status"].values == PLANNED).any()
         remedy = " Fewer starts: raise policy.objectives.start_kwh, the price of a start." * bool(planned)
@@ -162,7 +163,7 @@ def _causes(run: Run) -> Iterator[tuple[float, str, str]]:
     discharge = data["demand_kw"].values > 0.0
     hot_kw, shed_kw = (data[name].values for name in ("derating_loss_kw", "availability_loss_kw"))
     above_h = np.count_nonzero(data["unmet_kw"].values > 0.0) * hours
-    above = f"Demand above the power in service in {above_h:,.0f} h"
+    above = f"Demand above the power in service in {above_h:,.4g} h"
     yield kpis["unmet_kwh"], above, "More inverter power would help."
     losses = (
         ("Derating of hot strings", hot_kw, "More cooling, or lower power,"),
@@ -172,11 +173,12 @@ def _causes(run: Run) -> Iterator[tuple[float, str, str]]:
     for text, lost_kw, remedy in losses:
         lost_h = np.count_nonzero(lost_kw.sum(axis=1) > 0.0) * hours
         split = _another_split(run, lost_kw.sum(axis=1), discharge)
-        yield float(lost_kw.sum()) * hours, f"{text} in {lost_h:,.0f} h", f"{remedy} would help.{split}"
+        yield float(lost_kw.sum()) * hours, f"{text} in {lost_h:,.4g} h", f"{remedy} would help.{split}"
     delivered_kw, nominal_kw = np.abs(data["delivered_kw"].values), run.system.nominal_kw
     load = delivered_kw.sum() / max(float(((delivered_kw > 0.0) * nominal_kw).sum()), 1e-9)
     inverters = f"Inverters, at {100.0 * load:.0f} % of nominal power while they run"
-    better = "Fewer inverters at a time" if load < _PART_LOAD else "Better inverters"
+    fewer = "Fewer inverters at a time" if nominal_kw.size > 1 else "A smaller inverter"
+    better = fewer if load < _PART_LOAD else "Better inverters"
     yield kpis["inverter_loss_kwh"], inverters, f"{better} would help."
     cells_kwh = kpis["battery_loss_kwh"] + kpis.get("hysteresis_loss_kwh", 0.0)
     yield cells_kwh, "Resistance and hysteresis of the cells", "Lower currents would help."
@@ -193,7 +195,7 @@ def _another_split(run: Run, lost_kw: Array, discharge: NDArray[np.bool_]) -> st
     room = np.where(discharge[:, None], soc - low, high - soc)
     spare_kw = np.minimum(
         system.nominal_kw - np.abs(data["delivered_kw"].values),
-        room * system.nominal_energy_kwh / step_h(data),
+        room * system.nominal_energy_kwh * data["soh_capacity"].values / step_h(data),
     )
     bound = data["limits"].values.astype(int) & sum(Limit) > 0
     free_kw = np.where(bound, 0.0, np.maximum(spare_kw, 0.0)).sum(axis=1)

@@ -158,17 +158,18 @@ def _gap_sentence(run: Run) -> Iterator[str]:
         for name in ("availability_loss_kw", "derating_loss_kw", "inverter_loss_kw", "battery_loss_kw")
     )
     worth = float((np.clip(gap, 0.0, 1.0) * lost_kw)[known].sum()) * step_h(data)
-    middle, worst = 100.0 * np.median(gap[known]), 100.0 * gap[known].max()
+    middle, worst, count = 100.0 * np.median(gap[known]), 100.0 * gap[known].max(), int(known.sum())
     yield (
         f"Rigorous gap of the splits: {rounded(middle)} % (median), {rounded(worst)} % (worst of "
-        f"{int(known.sum()):,} steps), or {_kwh(worth)} of the undelivered energy and losses in these steps."
+        f"{count:,} step{'s' * (count > 1)}), or {_kwh(worth)} of the undelivered energy and losses in these steps."
     )
 
 
 def _short_horizon(run: Run) -> Iterator[str]:
     """Why certified splits can lose more than a rule, and what looks further ahead."""
     if (
-        run.study.get("policy", {}).get("mode") == "certified"
+        run.policy == "mpc"
+        and run.study["policy"].get("mode") == "certified"
         and run.kpis.get("gain_kwh", 0.0) < -_MIN_MENTIONED_KWH
     ):
         yield (
