@@ -228,6 +228,20 @@ def test_a_price_of_capacity_every_90_min_is_refused(tmp_path: Path) -> None:
         read_capacity_prices(tmp_path / "capacity.csv")
 
 
+def test_a_table_of_capacity_prices_is_that_of_its_parquet_and_of_its_times_without_a_zone(
+    tmp_path: Path,
+) -> None:
+    times = pd.date_range("2024-01-01", periods=12, freq="4h", tz="UTC", name="time")
+    prices = pd.DataFrame({"price": 40.0 + 4.0 * np.arange(12.0)}, times)
+    prices.to_csv(tmp_path / "prices.csv")
+    prices.to_parquet(tmp_path / "prices.parquet")
+    prices.tz_localize(None).to_csv(tmp_path / "naive.csv")
+    for name, more in (("prices.csv", {}), ("prices.parquet", {}), ("naive.csv", {"demand.time_zone": "UTC"})):
+        values = {"demand.capacity_prices": str(tmp_path / name), "run.days": 1.0, **more}
+        earned = prepare(bess.load_study("fcr", values)).series["capacity_price_eur_mw_h"]
+        np.testing.assert_array_equal(earned, np.repeat(10.0 + np.arange(6.0), 16))
+
+
 def test_tender_results_without_the_regular_tender_are_refused(tmp_path: Path) -> None:
     (tmp_path / "tender.csv").write_text(
         "DATE_FROM;TENDER_NUMBER;PRODUCTNAME;GERMANY_SETTLEMENTCAPACITY_PRICE_[EUR/MW]\n"

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from bess.market.columns import table_columns
+from bess.market.columns import Columns, parquet_columns, table_columns
 from bess.market.files import Repairs, fail, first_line, listed, reading
 from bess.market.numbers import parse_numbers
 from bess.market.regular import regular
@@ -50,11 +50,12 @@ def read_capacity_prices(
         The file does not contain capacity prices; one sentence gives file, line and remedy.
     """
     with reading(path) as (raw, repairs):
-        table = read_table(raw, repairs)
-        if table.named("PRODUCTNAME") is None:
-            series = _plain(table, country, time_zone, repairs)
-        else:
+        table = None if raw[:4] == b"PAR1" else read_table(raw, repairs)
+        if table is not None and table.named("PRODUCTNAME") is not None:
             series = _tenders(table, country, repairs)
+        else:
+            columns = parquet_columns(raw) if table is None else table_columns(table)
+            series = _plain(columns, country, time_zone, repairs)
     series.attrs |= {"units": "EUR/MW/h", "repairs": repairs}
     return series
 
@@ -109,8 +110,7 @@ def _spans(table: Table, wanted: pd.Series) -> pd.DataFrame:
     return pd.DataFrame({"start": start, "hours": length_h})
 
 
-def _plain(table: Table, country: str, time_zone: str | None, repairs: Repairs) -> pd.Series:
-    columns = table_columns(table)
+def _plain(columns: Columns, country: str, time_zone: str | None, repairs: Repairs) -> pd.Series:
     chosen = columns.choose(country if len(columns.names) > 1 else None, "price of capacity")
     series = regular(columns.rows(chosen, time_zone, repairs), None, repairs, max_step_s=_DAY_S)
     hours, rest = divmod(series.index[1] - series.index[0], pd.Timedelta(hours=1))

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, Self
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from bess.files import Fill
 from bess.system.quantities import (
@@ -23,6 +23,13 @@ from bess.system.quantities import (
     within,
 )
 from bess.system.section import Section
+
+
+def _not_a_number(value: Any) -> Any:
+    # pydantic takes a number, such as a year, for seconds since 1970.
+    if isinstance(value, int | float) or re.fullmatch(r"\s*[+-]?[\d.]+\s*", str(value)):
+        raise ValueError("is no time; write for example 2024-01-01T00:00:00Z")
+    return value
 
 
 def _aware(value: datetime) -> datetime:
@@ -60,7 +67,7 @@ _FIXED_OFFSET = re.compile(r"UTC[+-](0\d|1[0-4]):[0-5]\d")
 TimeZone = Annotated[str, AfterValidator(_time_zone)]
 """Name of a time zone (IANA), or a fixed offset."""
 
-Instant = Annotated[datetime, AfterValidator(_aware)]
+Instant = Annotated[datetime, BeforeValidator(_not_a_number), AfterValidator(_aware)]
 
 
 class SystemSection(Section):

@@ -29,6 +29,8 @@ _PLAIN_WORDS = {
     "tuple_type": "must be a list",
     "list_type": "must be a list",
     "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "dict_type": "must be a table",
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
     "invalid_key": "keys must be texts",

@@ -210,9 +210,8 @@ class FcrDemand(DemandSection):
         if file is None:
             return np.full(grid.n_steps, self.capacity_price_eur_mw / _BLOCK_H)
         setting.note(f"capacity prices: {file}")
-        return setting.series_of(read_capacity_prices(file, self.country), file, "demand.capacity_prices").on(
-            grid
-        )
+        read = read_capacity_prices(file, self.country, time_zone=self.time_zone)
+        return setting.series_of(read, file, "demand.capacity_prices").on(grid)
 
 
 class FcrArbitrageDemand(FcrDemand):
