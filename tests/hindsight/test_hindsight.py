@@ -20,7 +20,8 @@ def test_a_run_lost_no_less_than_was_possible_and_that_no_less_than_is_proven() 
     assert sight.bound_kwh < sight.found_kwh < sight.lost_kwh == result.kpis["lost_kwh"]
     assert sight.found_by == "a plan of 24 h"
     assert sight.found_eur is None
-    assert f": {sight.lost_kwh:.0f} kWh; best known: {sight.found_kwh:.0f} kWh" in str(sight)
+    small = bess.Hindsight(lost_kwh=1.78, found_kwh=1.72, bound_kwh=1.68, found_by="equal")
+    assert ": 1.8 kWh; best known: 1.7 kWh (equal); lower bound: 1.6 kWh." in str(small)
 
 
 def test_over_seven_days_a_plan_of_the_whole_run_finds_what_plans_of_a_day_miss() -> None:

@@ -150,8 +150,11 @@ def test_what_limits_the_plant_is_its_largest_loss_with_the_hours_and_energy_of_
     )
 
 
-def test_a_single_string_and_less_than_a_day_have_remedies_of_their_own(tmp_path: Path) -> None:
-    data = record(1, 8)
+@pytest.mark.parametrize("n_strings", [1, 2])
+def test_one_inverter_at_a_time_and_less_than_a_day_have_remedies_of_their_own(
+    n_strings: int, tmp_path: Path
+) -> None:
+    data = record(n_strings, 8, concentrate=1.0)
     data["delivered_kw"][:] *= 0.3
     write_run(tmp_path / "run", data)
     (run,) = runs_in(tmp_path / "run")[0].values()

@@ -177,7 +177,8 @@ def _causes(run: Run) -> Iterator[tuple[float, str, str]]:
     delivered_kw, nominal_kw = np.abs(data["delivered_kw"].values), run.system.nominal_kw
     load = delivered_kw.sum() / max(float(((delivered_kw > 0.0) * nominal_kw).sum()), 1e-9)
     inverters = f"Inverters, at {100.0 * load:.0f} % of nominal power while they run"
-    fewer = "Fewer inverters at a time" if nominal_kw.size > 1 else "A smaller inverter"
+    several = np.count_nonzero(delivered_kw, axis=1).max() > 1
+    fewer = "Fewer inverters at a time" if several else "A smaller inverter"
     better = fewer if load < _PART_LOAD else "Better inverters"
     yield kpis["inverter_loss_kwh"], inverters, f"{better} would help."
     cells_kwh = kpis["battery_loss_kwh"] + kpis.get("hysteresis_loss_kwh", 0.0)

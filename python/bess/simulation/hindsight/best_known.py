@@ -17,6 +17,7 @@ from bess.control.planning.power_plan import planner_of_known_demand
 from bess.control.policies import PolicyInput
 from bess.control.policies.adapters import Function, FunctionPolicy
 from bess.control.wear import WearPrices
+from bess.display import amount
 from bess.errors import InputError
 from bess.simulation.analysis.kpis import kpis
 from bess.simulation.analysis.services import is_reserve, is_site, unprovable
@@ -67,9 +68,11 @@ class Hindsight:
 
     def __str__(self) -> str:
         """One sentence."""
+        parts = 10.0 if self.bound_kwh < 100.0 else 1.0
+        bound_kwh = math.floor(parts * max(self.bound_kwh, 0.0)) / parts
         text = (
-            f"Undelivered energy and losses: {self.lost_kwh:,.0f} kWh; best known: {self.found_kwh:,.0f} kWh "
-            f"({self.found_by}); lower bound: {math.floor(max(self.bound_kwh, 0.0)):,d} kWh."
+            f"Undelivered energy and losses: {amount(self.lost_kwh)} kWh; best known: "
+            f"{amount(self.found_kwh)} kWh ({self.found_by}); lower bound: {amount(bound_kwh)} kWh."
         )
         if self.lost_eur is None or self.found_eur is None or self.bound_eur is None:
             return text

@@ -228,7 +228,7 @@ class FcrArbitrageDemand(FcrDemand):
     trades: ClassVar = True
 
     kind: Literal["fcr-arbitrage"] = "fcr-arbitrage"  # type: ignore[assignment]
-    band: Fraction = 0.9
+    band: Annotated[float, within(0.0, 1.0, above=True)] = 0.9
     choose_capacity: Literal["perfect", "persistence"] | None = None
     prices: str | None = SYNTHETIC
     market_time_zone: TimeZone = "Europe/Berlin"
