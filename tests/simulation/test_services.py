@@ -238,8 +238,8 @@ def test_a_table_of_capacity_prices_is_that_of_its_parquet_and_of_its_times_with
     prices.to_csv(tmp_path / "prices.csv")
     prices.to_parquet(tmp_path / "prices.parquet")
     prices.tz_localize(None).to_csv(tmp_path / "naive.csv")
-    for name, more in (("prices.csv", {}), ("prices.parquet", {}), ("naive.csv", {"demand.time_zone": "UTC"})):
-        values = {"demand.capacity_prices": str(tmp_path / name), "run.days": 1.0, **more}
+    for name in ("prices.csv", "prices.parquet", "naive.csv"):
+        values = {"demand.capacity_prices": str(tmp_path / name), "demand.time_zone": "UTC", "run.days": 1.0}
         earned = prepare(bess.load_study("fcr", values)).series["capacity_price_eur_mw_h"]
         np.testing.assert_array_equal(earned, np.repeat(10.0 + np.arange(6.0), 16))
 

@@ -161,7 +161,8 @@ def _gap_sentence(run: Run) -> Iterator[str]:
     middle, worst, count = 100.0 * np.median(gap[known]), 100.0 * gap[known].max(), int(known.sum())
     yield (
         f"Rigorous gap of the splits: {rounded(middle)} % (median), {rounded(worst)} % (worst of "
-        f"{count:,} step{'s' * (count > 1)}), or {_kwh(worth)} of the undelivered energy and losses in these steps."
+        f"{count:,} step{'s' * (count > 1)}), or {_kwh(worth)} of the undelivered energy and losses in these "
+        "steps."
     )
 
 
