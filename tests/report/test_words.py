@@ -17,7 +17,7 @@ from bess.report.runs import Run, runs_in
 from bess.report.words.headline import limit_sentences, tiles
 from bess.report.words.paper import Verdict, comparisons, is_case_2, reading
 from bess.report.words.summary import subject, summary, warnings
-from bess.report.words.tables import decision_table, kpi_groups
+from bess.report.words.tables import SweepTable, decision_table, kpi_groups
 from bess.simulation.analysis.kpis import kpis as compute
 
 BASE = {
@@ -445,3 +445,23 @@ def test_scenarios_keep_the_order_of_their_study(tmp_path: Path) -> None:
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no run"):
         runs_in(tmp_path)
+
+
+def test_two_points_are_no_front_with_a_knee_however_often_they_were_found() -> None:
+    points = {"0": (99.0, 96.0), "1": (98.0, 97.0), "2": (98.0, 97.0), "3": (98.0, 97.0)}
+    rows = {
+        name: BASE
+        | {"battery_efficiency_pct": x, "inverter_efficiency_pct": y, "unmet_kwh": 0.0, "demand_kwh": 9.0}
+        for name, (x, y) in points.items()
+    }
+    table = SweepTable({name: {"policy.gap": name} for name in points}, rows, {})
+    assert table.front_sentence().endswith(
+        "no knee, because it has only 2 of 4 points: policy.gap 1; policy.gap 0."
+    )
+
+
+def test_a_search_whose_best_earns_nothing_has_no_shares_of_it() -> None:
+    rows = {name: BASE | {"net_eur": net} for name, net in (("0", -8.0), ("1", 0.0), ("2", -2.0))}
+    parameters = {name: {"wear.eur_per_mwh": name} for name in rows}
+    said = SweepTable(parameters, rows, {}, "net_eur").front_sentence()
+    assert said.endswith("0 costs 8.00 EUR, 2 costs 2.00 EUR.")

@@ -245,18 +245,19 @@ def losses_compared(kpis: KpisByRun) -> Figure:
 
 
 _MIN_FRONT: Final = 3
-"""Minimum number of points of a front that has a knee."""
+"""Minimum number of different points of a front that has a knee."""
 
 
 def front_of(kpis: KpisByRun, x: str, y: str) -> tuple[Values, Values, int | None]:
     """Scenarios as points ``(n, 2)`` of two KPIs, whether each is on the front, and the index of its knee.
 
-    A front of fewer than three points has no knee.
+    A front of fewer than three different points has no knee.
     """
     points = np.array([[values[x], values[y]] for values in kpis.values()], dtype=float)
     directions = [better(x), better(y)]
     on_front = non_dominated(points, directions)
-    knee = knee_point(points, directions) if on_front.sum() >= _MIN_FRONT else None
+    different = len(np.unique(points[on_front], axis=0))
+    knee = knee_point(points, directions) if different >= _MIN_FRONT else None
     return points, on_front, knee
 
 

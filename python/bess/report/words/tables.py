@@ -147,12 +147,13 @@ class SweepTable:
             return ""
         if self.maximised is not None:
             return self._search_sentence(self.maximised)
-        _, on_front, knee = front_of(self._compared, _X, _Y)
+        points, on_front, knee = front_of(self._compared, _X, _Y)
         names, number = np.array(list(self._compared)), int(on_front.sum())
         if knee is None:
+            _, first = np.unique(points[on_front], axis=0, return_index=True)
             text = (
-                f"The front of inverter and battery efficiency has no knee, because only {number} of "
-                f"{on_front.size} scenarios lie on it: {'; '.join(map(self._said, names[on_front]))}."
+                "The front of inverter and battery efficiency has no knee, because it has only "
+                f"{first.size} of {on_front.size} points: {'; '.join(map(self._said, names[on_front][first]))}."
             )
         else:
             row = self._compared[names[knee]]
@@ -174,7 +175,8 @@ class SweepTable:
 
         def cost(value: float) -> str:
             lost = found[place] - float(np.interp(value, values, found))
-            return f"{kpi(name).quantity(lost)} ({100.0 * lost / abs(found[place]):.1f} %)"
+            share = f" ({100.0 * lost / abs(found[place]):.1f} %)" if found[place] else ""
+            return f"{kpi(name).quantity(lost)}{share}"
 
         inside = "" if 0 < place < values.size - 1 else ", at an end of the range"
         text = (
