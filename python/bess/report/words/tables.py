@@ -151,9 +151,10 @@ class SweepTable:
         names, number = np.array(list(self._compared)), int(on_front.sum())
         if knee is None:
             _, first = np.unique(points[on_front], axis=0, return_index=True)
+            said = "; ".join(map(self._said, names[on_front][first]))
             text = (
                 "The front of inverter and battery efficiency has no knee, because it has only "
-                f"{first.size} of {on_front.size} points: {'; '.join(map(self._said, names[on_front][first]))}."
+                f"{first.size} of {on_front.size} points: {said}."
             )
         else:
             row = self._compared[names[knee]]
