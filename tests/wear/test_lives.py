@@ -13,6 +13,7 @@ import pytest
 
 import bess
 from bess.report.runs import Run
+from bess.report.words.headline import another_split
 from bess.report.words.summary import event_sentences
 from bess.report.words.tables import read_sweep
 from bess.simulation.analysis.lifetime import cash_by_year, ledger_by_year, net_present_value
@@ -151,6 +152,11 @@ def test_an_added_string_is_not_there_before_its_date() -> None:
     assert result.kpis["investment_eur"] == pytest.approx(
         100.0 * bess.System.reference(3).nominal_energy_kwh[2]
     )
+    shown = SimpleNamespace(dataset=result.dataset, study=values, system=bess.System.reference(3))
+    (said,) = event_sentences({"": cast(Run, shown)})
+    assert said == f"String 2 was added on 2024-01-03 for {result.kpis['investment_eur']:,.0f} EUR."
+    lost_kw = np.ones(data.sizes["time"])
+    assert another_split(cast(Run, shown), lost_kw, lost_kw > 0.0) == ""  # it could not have helped
 
 
 def test_a_contract_is_compared_with_what_came() -> None:

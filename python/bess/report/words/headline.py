@@ -172,7 +172,7 @@ def _causes(run: Run) -> Iterator[tuple[float, str, str]]:
     )
     for text, lost_kw, remedy in losses:
         lost_h = np.count_nonzero(lost_kw.sum(axis=1) > 0.0) * hours
-        split = _another_split(run, lost_kw.sum(axis=1), discharge)
+        split = another_split(run, lost_kw.sum(axis=1), discharge)
         yield float(lost_kw.sum()) * hours, f"{text} in {lost_h:,.4g} h", f"{remedy} would help.{split}"
     delivered_kw, nominal_kw = np.abs(data["delivered_kw"].values), run.system.nominal_kw
     load = delivered_kw.sum() / max(float(((delivered_kw > 0.0) * nominal_kw).sum()), 1e-9)
@@ -186,10 +186,11 @@ def _causes(run: Run) -> Iterator[tuple[float, str, str]]:
     yield kpis["auxiliary_kwh"], "Cooling", "A higher start temperature would help."
 
 
-def _another_split(run: Run, lost_kw: Array, discharge: NDArray[np.bool_]) -> str:
+def another_split(run: Run, lost_kw: Array, discharge: NDArray[np.bool_]) -> str:
     """Share of a loss for which other strings had power and energy left in the same step; "" if small."""
     data, system = run.dataset, run.system
-    if lost_kw.sum() <= 0.0 or run.study.get("event"):
+    # Strings that are out of service, or not there yet, have no power.
+    if lost_kw.sum() <= 0.0 or run.study.get("event") or "investment_eur" in data:
         return ""
     soc = data["soc"].values
     low, high = system.soc_window

@@ -298,13 +298,18 @@ def _events(run: Run) -> Iterator[str]:
 
 
 def _installations(run: Run) -> Iterator[str]:
-    """New batteries, with date, cost, and the capacity that they replaced."""
+    """New batteries, with date and cost, and the capacity that they replaced, if any."""
     data = run.dataset
     if "investment_eur" not in data:
         return
     places = np.argwhere(data["investment_eur"].values > 0.0)
+    added = {table["string"] for table in run.study.get("augmentation", ())}
     for step, string in places[:_MAX_INSTALLATIONS]:
         day, eur = str(data["time"].values[step])[:10], data["investment_eur"].values[step, string]
+        if string in added:
+            added.remove(string)
+            yield f"String {string} was added on {day} for {eur:,.0f} EUR."
+            continue
         before, after = data["soh_capacity"].values[step - 1 : step + 1, string]
         yield (
             f"String {string} got a new battery on {day} for {eur:,.0f} EUR; its capacity rose "
