@@ -162,7 +162,7 @@ def test_more_reserve_than_the_plant_holds_is_refused() -> None:
         outcome("fcr", demand__duration_min=240.0)
     with pytest.raises(InputError, match="leave no power of the 184 kW of the plant; reduce the reserve"):
         outcome("fcr", demand__capacity_kw=180.0)
-    with pytest.raises(InputError, match=r"demand\.band = 0\.0: must be in \(0, 1\]"):
+    with pytest.raises(InputError, match=r"demand\.band = 0: leaves no energy for trade"):
         outcome("fcr-arbitrage", demand__band=0.0)
 
 

@@ -228,7 +228,7 @@ class FcrArbitrageDemand(FcrDemand):
     trades: ClassVar = True
 
     kind: Literal["fcr-arbitrage"] = "fcr-arbitrage"  # type: ignore[assignment]
-    band: Annotated[float, within(0.0, 1.0, above=True)] = 0.9
+    band: Fraction = 0.9
     choose_capacity: Literal["perfect", "persistence"] | None = None
     prices: str | None = SYNTHETIC
     market_time_zone: TimeZone = "Europe/Berlin"
@@ -239,6 +239,8 @@ class FcrArbitrageDemand(FcrDemand):
     def _sold(
         self, setting: Setting, grid: TimeGrid, price: Array, capacity_price: Array, band: EnergyWindow
     ) -> tuple[Array, Arbitrage | None, CycleBudget | None]:
+        if self.band == 0.0:
+            raise InputError("demand.band = 0: leaves no energy for trade; give more, up to 1")
         sold_kw, _, _ = super()._sold(setting, grid, price, capacity_price, band)
         system, (capacity_kw, recharge_kw) = setting.system, self._powers(setting.system)
         power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
