@@ -33,6 +33,12 @@ _NO_LOAD: Final = 1e-3  # of a third: small, and above the minimum power of an i
 _EDGE: Final = 0.02
 _STEP_H: Final = 10.0 / 3600.0
 _NO_LIMIT_S: Final = 1e9
+EXCHANGED: Final = 16
+"""Strings in each role of an exchange, of those whose stop or start alone is the cheapest."""
+CHOSEN: Final = 8
+"""Strings that start one after the other if more are needed at once."""
+
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -87,27 +93,48 @@ class CommitmentProblem:
     curves: Curves
     price: Array
 
-    def best_shares(self, sets: Flags) -> Array:
-        """Powers at equal marginal cost within sets ``(n_sets, n_strings)`` or one set ``(n_strings,)``."""
-        within, most = np.atleast_2d(sets), self.max_kw
-        slope, twice = self.curves.slope + self.price, 2.0 * self.curves.bend
-        # A set's power is piecewise linear in the marginal cost, with knots where a string begins or is full.
-        knots = np.sort(np.concatenate([slope, slope + twice * most]))
-        given = np.minimum(np.maximum((knots[:, None] - slope) / twice, 0.0), most) @ within.T
+    def best_shares(self, running: Flags) -> Array:
+        """Powers of the running strings at equal marginal cost."""
+        knots, given = self._given()
+        return np.asarray(self._shares(running[None], knots, (given @ running)[:, None])[0])
+
+    def after(self, running: Flags, from_: Indices, to: Indices) -> tuple[Array, Array]:
+        """Cost [kW] and capability [kW] of the running strings after each move, see :class:`Commitment`."""
+        sets = np.tile(np.append(running, False), (from_.size, 1))
+        index = np.arange(from_.size)
+        sets[index, from_] = False
+        sets[index, to] = True
+        sets = sets[:, :-1]
+        # A move changes one or two strings: no sum over all strings of a large plant for each.
+        knots, given = self._given()
+        given, total = np.pad(given, ((0, 0), (0, 1))), given @ running
+        shares = self._shares(sets, knots, total[:, None] - given[:, from_] + given[:, to])
+        curves = self.curves
+        costs = curves.idle_kw * sets + (curves.slope + self.price) * shares + curves.bend * shares**2
+        return costs.sum(axis=1), sets @ self.max_kw
+
+    def _given(self) -> tuple[Array, Array]:
+        """Marginal costs where a string begins or is full, and the power of each string (column) at them.
+
+        Between these knots, the power of a set is linear in the marginal cost.
+        """
+        slope = self.curves.slope + self.price
+        knots = np.sort(np.concatenate([slope, slope + 2.0 * self.curves.bend * self.max_kw]))
+        return knots, self._at(knots)
+
+    def _at(self, marginal_cost: Array) -> Array:
+        """Power of each string (column) at marginal costs (rows)."""
+        power = (marginal_cost[:, None] - self.curves.slope - self.price) / (2.0 * self.curves.bend)
+        return np.minimum(np.maximum(power, 0.0), self.max_kw)
+
+    def _shares(self, sets: Flags, knots: Array, given: Array) -> Array:
+        """Best powers within each set (row); ``given`` is the power of each set (column) at the knots."""
         asked = np.minimum(self.demand_kw, given[-1])
         after = np.clip((given < asked).sum(axis=0), 1, knots.size - 1)
-        column = np.arange(len(within))
+        column = np.arange(len(sets))
         low, high = given[after - 1, column], given[after, column]
         part = (asked - low) / np.maximum(high - low, POWER_TOLERANCE_KW)
-        cost = knots[after - 1] + part * (knots[after] - knots[after - 1])
-        shares = np.minimum(np.maximum((cost[:, None] - slope) / twice, 0.0), most) * within
-        return np.asarray(shares.reshape(sets.shape))
-
-    def cost_kw(self, sets: Flags) -> Array:
-        """Cost of the best shares of each set, shape ``(n_sets,)``."""
-        shares, curves = self.best_shares(sets), self.curves
-        costs = curves.idle_kw * sets + (curves.slope + self.price) * shares + curves.bend * shares**2
-        return np.asarray(costs.sum(axis=1))
+        return self._at(knots[after - 1] + part * (knots[after] - knots[after - 1])) * sets
 
 
 class Commitment(Checkpointed):
@@ -124,9 +151,9 @@ class Commitment(Checkpointed):
         self.running: Flags = np.zeros(n_strings, dtype=bool)
         self.since_s: Array = np.full(n_strings, _NO_LIMIT_S)
         self.starts: NDArray[np.int64] = np.zeros(n_strings, dtype=np.int64)
-        # Accumulated saving of each exchange of a string (row) for another (column); the last means no
-        # string.
-        self._saved_kwh: Array = np.zeros((n_strings + 1, n_strings + 1))
+        # Accumulated saving of each move, "from-to", strings that stop and start; the number of strings means
+        # none.
+        self._saved_kwh: dict[str, float] = {}
         # Age [s] and magnitude [kW] of demands above all later ones, within the minimum off time.
         self._peaks: list[tuple[float, float]] = []
 
@@ -137,10 +164,9 @@ class Commitment(Checkpointed):
             move = self._move(problem, step_s, adds_up=k == 0)
             if move is None:
                 break
-            stop, start = (np.arange(self.running.size) == string for string in move)
-            self._saved_kwh[:] = 0.0
-            self._switch(stop, on=False)
-            self._switch(start, on=True)
+            self._saved_kwh = {}
+            for strings, on in zip(move, (False, True), strict=True):
+                self._switch(np.isin(np.arange(self.running.size), strings), on=on)
 
     def advance_time(self, usable: Flags, demand_kw: float, elapsed_s: float) -> None:
         """Advance to the present demand (magnitude); stop strings that are no longer usable."""
@@ -154,7 +180,7 @@ class Commitment(Checkpointed):
         """Switch to the wanted inverters, within minimum on and off times."""
         self._switch(self._stoppable() & ~wanted, on=False)
         self._switch(self._startable(usable) & wanted, on=True)
-        self._saved_kwh[:] = 0.0
+        self._saved_kwh = {}
 
     def _stoppable(self) -> Flags:
         return self.running & (self.since_s >= self._service.minimum_on_s)
@@ -168,51 +194,49 @@ class Commitment(Checkpointed):
             self.since_s = np.where(which, 0.0, self.since_s)
             self.starts = self.starts + (which if on else 0)
 
-    def _move(self, problem: CommitmentProblem, step_s: float, *, adds_up: bool) -> tuple[int, int] | None:
-        """Next switching with a net saving: the string that stops, the string that starts, as candidates."""
-        n = self.running.size
-        from_, to = self._candidates(problem.usable)
+    def _move(self, problem: CommitmentProblem, step_s: float, *, adds_up: bool) -> list[Indices] | None:
+        """Next switching with a net saving: strings that stop, and strings that start instead."""
+        n, demand_kw = self.running.size, problem.demand_kw
+        stops, starts = np.flatnonzero(self._stoppable()), np.flatnonzero(self._startable(problem.usable))
+        # The first move changes nothing: n means no string.
+        from_ = np.concatenate([[n], stops, np.full(starts.size, n)])
+        to = np.concatenate([np.full(1 + stops.size, n), starts])
+        loss, can = problem.after(self.running, from_, to)
+        short = np.maximum(demand_kw - can, 0.0)
+        extra = np.append(self._start_worth_kwh(), 0.0)
+        ends = 1 + stops.size
+        if short[0] > POWER_TOLERANCE_KW and (short[ends:] < short[0] - POWER_TOLERANCE_KW).any():
+            # The capability is too small: the cheapest strings start now, their start cost spread over an
+            # hour; in a large plant, all but a few of those that are needed in any case at once.
+            urgent = np.argsort(loss[ends:] + SHORTFALL * 100.0 * short[ends:] + extra[starts], kind="stable")
+            needed = int(short[0] / problem.max_kw[starts].max())
+            return [stops[:0], starts[urgent[: max(1, needed - CHOSEN)]]]
+        cost = loss + SHORTFALL * short
+        pairs = np.meshgrid(
+            stops[np.argsort(cost[1:ends], kind="stable")[:EXCHANGED]],
+            starts[np.argsort(cost[ends:], kind="stable")[:EXCHANGED]],
+        )
+        both, able = problem.after(self.running, *(strings.ravel() for strings in pairs))
+        from_, to = (np.append(one, two) for one, two in zip((from_[1:], to[1:]), pairs, strict=True))
         if not from_.size:
             return None
-        # Sets of running strings: the present one, then each candidate; the last column means no string.
-        sets = np.tile(np.append(self.running, False), (from_.size + 1, 1))
-        index = np.arange(1, from_.size + 1)
-        sets[index, from_] = False
-        sets[index, to] = True
-        sets = sets[:, :n]
-        loss = problem.cost_kw(sets)
-        can = (problem.max_kw * sets).sum(axis=1)
-        short = np.maximum(problem.demand_kw - can, 0.0)
-        extra = np.append(self._start_worth_kwh(), 0.0)
-        if short[0] > POWER_TOLERANCE_KW and (short[1:] < short[0] - POWER_TOLERANCE_KW).any():
-            # The capability is too small: the cheapest string starts now, its start cost spread over an hour.
-            cost = loss[1:] + SHORTFALL * 100.0 * short[1:] + extra[to]
-            cost[from_ != n] = np.inf
-            if np.isfinite(cost).any():
-                return n, int(to[np.argmin(cost)])
+        can_after = np.append(can[1:], able)
+        after = np.append(cost[1:], both + SHORTFALL * np.maximum(demand_kw - able, 0.0))
         peak = max(p for _, p in self._peaks)
-        allowed = can[1:] >= min(peak, can[0]) - POWER_TOLERANCE_KW
-        saving = np.where(allowed, (loss[0] + SHORTFALL * short[0]) - (loss[1:] + SHORTFALL * short[1:]), 0.0)
-        before = self._saved_kwh[from_, to] if adds_up else 0.0
+        allowed = can_after >= min(peak, can[0]) - POWER_TOLERANCE_KW
+        saving = np.where(allowed, cost[0] - after, 0.0)
+        moves = [f"{one}-{two}" for one, two in zip(from_, to, strict=True)]
+        before = np.array([self._saved_kwh.get(move, 0.0) for move in moves]) if adds_up else 0.0
         saved = np.maximum(before + saving * step_s / 3600.0, 0.0)
         # A stop costs a later start.
         worth = np.where(to < n, extra[to], extra[from_])
         gain = np.where(allowed & (saving > 0.0), saved - worth, -np.inf)
         best = int(np.argmax(gain))
         if gain[best] > 0.0:
-            return int(from_[best]), int(to[best])
+            return [strings[best : best + 1] for strings in (from_, to)]
         if adds_up:
-            self._saved_kwh[:] = 0.0
-            self._saved_kwh[from_, to] = saved
+            self._saved_kwh = {move: float(kwh) for move, kwh in zip(moves, saved, strict=True) if kwh > 0.0}
         return None
-
-    def _candidates(self, usable: Flags) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Strings that may stop, and strings that may start instead; ``n_strings`` means no string."""
-        n = self.running.size
-        stop, start = np.flatnonzero(self._stoppable()), np.flatnonzero(self._startable(usable))
-        from_, to = (a.ravel() for a in np.meshgrid([*stop, n], [*start, n], indexing="ij"))
-        moves = (from_ < n) | (to < n)
-        return from_[moves], to[moves]
 
     def _start_worth_kwh(self) -> Array:
         """Cost of a start, smallest for the string with the fewest starts."""
