@@ -59,7 +59,7 @@ class Link:
 class Driven:
     """A cycle whose clocks are turned by hand."""
 
-    def __init__(self, folder: Path, **others: Any) -> None:
+    def __init__(self, folder: Path, shadow: bool = False, **values: Any) -> None:
         study = load_study(
             "policies",
             {
@@ -67,6 +67,7 @@ class Driven:
                 "policy.foresight_h": 2.0,
                 "service.control_step_s": 10.0,
                 **PATIENT,
+                **values,
             },
         )
         self.service = Service(study, folder)
@@ -75,7 +76,7 @@ class Driven:
         self.link = Link()
         self.demands = Demands(study, 900.0)
         self.cycle = ControlLoop(
-            self.service, self.link, self.demands, monotonic=lambda: self.now_s, **others
+            self.service, self.link, self.demands, shadow=shadow, monotonic=lambda: self.now_s
         )
 
     def steps(self, n: int) -> Any:
@@ -277,3 +278,18 @@ def test_an_answer_tells_what_is_unmet_and_who_is_out(driven: Driven) -> None:
     answer = driven.steps(2)
     assert answer.unmet_kw == pytest.approx(88.0)
     assert answer.in_service.tolist() == answer.document()["in_service"] == [False, True]
+
+
+def test_a_ramp_begins_at_the_power_of_a_plant_that_was_let_go(tmp_path: Path) -> None:
+    """60 kW of discharge lapse; five minutes later, with the plant at rest, the demand is to charge 60 kW."""
+    driven = Driven(tmp_path / "state", **{"service.ramp_kw_per_s": 1.0})
+    driven.demands.post(60.0, 100.0, driven.now_s)
+    driven.steps(10)
+    assert driven.link.power_kw.sum() == pytest.approx(60.0)
+    driven.steps(30)
+    assert not driven.link.power_kw.any()
+    driven.demands.post(-60.0, 900.0, driven.now_s)
+    assert [driven.steps(1).request_kw.sum() for _ in range(7)] == pytest.approx(
+        [-10.0, -20.0, -30.0, -40.0, -50.0, -60.0, -60.0]
+    )
+    driven.service.close()

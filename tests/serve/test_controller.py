@@ -1,5 +1,6 @@
 """The live controller: sums, reasons, switching, calibration, and what it remembers."""
 
+import tracemalloc
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any, ClassVar
@@ -120,6 +121,16 @@ def test_ramps_limit_the_change_of_every_set_point() -> None:
     assert last.sum() == pytest.approx(-120.0)
 
 
+def test_set_points_that_have_lapsed_are_no_beginning_of_a_ramp() -> None:
+    live = controller(2, control_step_s=10.0, ramp_kw_per_s=1.0)
+    for k in range(10):
+        live.step(measured([0.5, 0.5]), 60.0, 10.0 * k)
+    assert live.last_kw.sum() == pytest.approx(60.0)
+    answer = live.step(measured([0.5, 0.5]), -60.0, 3600.0)
+    assert answer.in_service.all()  # no state of charge should have moved within this hour
+    assert answer.request_kw.sum() == pytest.approx(-10.0)
+
+
 def test_a_set_point_that_a_ramp_determines_says_so() -> None:
     live = controller(2, control_step_s=1.0, ramp_kw_per_s=5.0)
     for k, demand_kw in enumerate([60.0, 60.0, -60.0]):
@@ -221,6 +232,31 @@ def test_what_a_start_is_worth_makes_starts_rare() -> None:
             live.step(measured(soc), float(rng.choice([20.0, 85.0, 0.0])), 10.0 * k)
         starts.append(int(live.commitment.starts.sum()))
     assert starts[1] < 0.2 * starts[0]
+
+
+def test_a_decision_of_a_large_plant_takes_little_memory_and_little_state() -> None:
+    """Half of the strings run; to compare each exchange of two of them took the cube of their number."""
+    peaks, sizes = [], []
+    for n in (32, 128):
+        live = controller(n, policy="equal", control_step_s=10.0)
+        live.commitment.running[::2] = True
+        soc = np.linspace(0.4, 0.6, n)
+        live.step(measured(soc), 40.0 * n, 0.0)
+        live.plan.current = None
+        tracemalloc.start()
+        live.step(measured(soc), 30.0 * n, 10.0)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        sizes.append(len(to_json(live.commitment.state_dict())))
+    assert peaks[1] < 20.0 * peaks[0]
+    assert sizes[1] < 5.0 * sizes[0]
+
+
+def test_a_jump_of_the_demand_starts_as_many_inverters_of_a_large_plant_as_it_needs() -> None:
+    live = controller(100, policy="equal", control_step_s=10.0)
+    answer = live.step(measured(np.linspace(0.4, 0.6, 100)), 60.5 * 92.0, 0.0)
+    assert answer.unmet_kw == 0.0
+    assert 61 <= answer.running.sum() <= 100
 
 
 def test_starts_go_around_among_equal_strings() -> None:

@@ -118,7 +118,7 @@ class ControlLoop:
         self._completed_s = monotonic()
         self.trouble = "the plant has not been read yet"
         self.journal_trouble = ""
-        service.controller.drives = False
+        service.controller.drives, service.controller.watches = False, shadow
         service.metrics.cycle_age.set_function(lambda: self.age_s)
         service.metrics.cycle_period.set(self.period_s)
 

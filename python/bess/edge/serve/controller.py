@@ -53,6 +53,8 @@ class Controller(Checkpointed):
     ----------
     drives : bool
         Whether the set-points reach the plant; strings are then expected to follow them.
+    watches : bool
+        Whether set-points are never written; ramps then begin at the last ones, not at the plant's power.
     valid, able, ahead_kw
         Validated state, capability, and forecast (present step first) of the last step.
     answers, fallbacks, charged_kwh, discharged_kwh
@@ -94,7 +96,7 @@ class Controller(Checkpointed):
         self.answers = self.fallbacks = 0
         self.charged_kwh: Array = np.zeros(n)
         self.discharged_kwh: Array = np.zeros(n)
-        self.drives = True
+        self.drives, self.watches = True, False
         self.calibration = Calibration(system, service, self.soc_limits, self._pool)
         self.last_kw: Array = np.zeros(n)
         self.valid: ValidState | None = None
@@ -127,7 +129,12 @@ class Controller(Checkpointed):
         if elapsed_s > MAX_OUTAGE_S:
             elapsed_s = self.step_s
         self._last_s = now_s
-        valid = self._validate(measured, elapsed_s)
+        most_kw = self.system.nominal_kw
+        power_kw = np.clip(np.nan_to_num(measured.power_kw), -most_kw, most_kw)
+        # Set-points that did not arrive, or have expired, are not those of the plant.
+        held = self.drives and elapsed_s <= self.step_s + self.service.watchdog_s
+        valid = self._validate(measured, self.last_kw if held else power_kw, elapsed_s, held)
+        self.valid = valid  # also for a fallback, if this step fails
         slot = self.plan.slot(now_s)
         forecast = self._forecast(demand_kw, slot, elapsed_s, forecast_kw)
         self.plan.update(now_s, valid.state, forecast, valid.limit_kw, wait_s=wait_s)
@@ -145,7 +152,7 @@ class Controller(Checkpointed):
         wanted = self._choose(valid, able_to_share, sharing, rest_kw, discharge, now_s, elapsed_s)
         limits = set_point_range(
             able_to_share,
-            np.where(sharing, self.last_kw, 0.0),
+            np.where(sharing, self.last_kw if held or self.watches else power_kw, 0.0),
             None if self.service.ramp_kw_per_s is None else self.service.ramp_kw_per_s * self.step_s,
         )
         running = self.commitment.running & sharing
@@ -153,12 +160,12 @@ class Controller(Checkpointed):
 
         shared = Sharing(rest_kw, request, able, limits, self.soc_limits.minimum_kw)
         unmet_kw = unmet(asked_kw, request)
-        self.last_kw, self.valid, self.able, self.ahead_kw = request, valid, able, forecast
+        self.last_kw, self.able, self.ahead_kw = request, able, forecast
         self.answers += 1
         return Answer(
             request_kw=request,
             plan_kw=self.plan.ahead(request, forecast_kw, now_s, valid.limit_kw),
-            status=status(unmet_kw, demand_kw, self.plan.from_now(now_s) is not None, self.plan.making.error),
+            status=status(unmet_kw, asked_kw, self.plan.from_now(now_s) is not None, self.plan.making.error),
             gap=self.plan.gap(request, now_s),
             fallback=False,
             unmet_kw=unmet_kw,
@@ -176,10 +183,12 @@ class Controller(Checkpointed):
         May be called from another thread during :meth:`step`.
         """
         began = time.perf_counter()
-        flowing_kw = np.zeros(self.n_strings) if self.valid is None else self.valid.flowing_kw
+        flowing_kw, known = np.zeros(self.n_strings), measured.available
+        if self.valid is not None:
+            flowing_kw, known = self.valid.flowing_kw, known & self.valid.in_service
         demand_kw = demand_kw - float(flowing_kw.sum())
         discharge = demand_kw >= 0.0
-        known = measured.available & (measured.soc >= 0.0) & (measured.soc <= 1.0)
+        known = known & (measured.soc >= 0.0) & (measured.soc <= 1.0)
         room = self.soc_limits.room(np.where(known, measured.soc, 0.5), discharge)
         left_kwh = room * self.system.nominal_energy_kwh * self.ageing.soh_capacity
         limit = measured.discharge_limit_kw if discharge else measured.charge_limit_kw
@@ -230,19 +239,13 @@ class Controller(Checkpointed):
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def _validate(self, measured: Measurements, elapsed_s: float) -> ValidState:
+    def _validate(self, measured: Measurements, asked_kw: Array, elapsed_s: float, held: bool) -> ValidState:
         """Validate the measurements; count energy and ageing since the last step."""
-        # Set-points expire.
         held_s = min(elapsed_s, self.step_s)
         held_h = held_s / 3600.0
         self.charged_kwh = self.charged_kwh + np.maximum(-self.last_kw, 0.0) * held_h
         self.discharged_kwh = self.discharged_kwh + np.maximum(self.last_kw, 0.0) * held_h
-        # In shadow mode the plant follows another controller.
-        most_kw = self.system.nominal_kw
-        asked_kw = self.last_kw
-        if not self.drives:
-            asked_kw = np.clip(np.nan_to_num(measured.power_kw), -most_kw, most_kw)
-        valid = self._guard(measured, asked_kw, elapsed_s, drives=self.drives)
+        valid = self._guard(measured, asked_kw, elapsed_s, drives=held)
         self.ageing.gather(valid.state, asked_kw, elapsed_s, held_s)
         return valid
 
