@@ -143,7 +143,7 @@ def test_bad_values_are_refused_in_one_sentence(client: TestClient, body: str) -
 def test_a_long_body_is_not_read_to_its_end(client: TestClient) -> None:
     answer = client.post("/v1/split", content=b" " * (MAX_BODY + 1), headers=JSON)
     assert answer.status_code == 413
-    assert answer.json()["detail"] == "POST /v1/split: the body is longer than 65536 bytes"
+    assert answer.json()["detail"] == f"POST /v1/split: the body is longer than {MAX_BODY} bytes"
 
 
 def test_routes_that_there_are_not(client: TestClient) -> None:
@@ -228,6 +228,46 @@ def test_openems_is_answered_in_per_cent(client: TestClient) -> None:
     assert sum(shares) == pytest.approx(100.0)
     assert client.post("/v1/openems-solver", json={"SetActivePower": 0}).status_code == 422
     assert client.post("/v1/openems-solver", content=b"{", headers=JSON).status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("power", "name"), [("5e-324", "ess0"), ("9", "\\ud800"), ("9", "ess\u00b2"), ("9", "ess" + 5000 * "9")]
+)
+def test_no_solver_request_is_a_failure_of_the_service(client: TestClient, power: str, name: str) -> None:
+    body = (
+        f'{{"SetActivePower": {power}, "powerDistribution": {{"{name}": {{"soc": 50}}, "b": {{"soc": 50}}}}}}'
+    )
+    answer = client.post("/v1/openems-solver", content=body.encode(), headers=JSON)
+    assert answer.status_code == 422, answer.text
+    assert "expected" in answer.json()["detail"]
+
+
+def test_a_fallback_leaves_out_the_strings_that_are_out(client: TestClient, service: Service) -> None:
+    """String 1 of 2 is said to be available, gives 50 kW whatever is set, and is counted with that."""
+    strings = [{**STRING, "power_kw": 50.0}, {**STRING, "power_kw": 50.0}]
+    for _ in range(3):
+        answer = client.post("/v1/split", json={"demand_kw": 0.0, "strings": strings}).json()
+        strings[0] = {**STRING, "power_kw": answer["request_kw"][0]}
+    assert answer["in_service"] == [True, False] and answer["flowing_kw"] == [0.0, 50.0]
+    service.controller.plan.update = None  # type: ignore[assignment, method-assign]
+    answer = client.post("/v1/split", json={"demand_kw": 80.0, "strings": strings}).json()
+    assert answer["fallback"] and answer["in_service"] == [True, False]
+    assert answer["request_kw"] == pytest.approx([30.0, 0.0])
+
+
+def test_all_readings_of_a_thousand_strings_fit_into_one_request(tmp_path: Path) -> None:
+    service = Service(study(**{"system.n_strings": 1000}), tmp_path / "state")
+    string = {
+        "soc": 0.5123456789012345,
+        "temperature_c": 25.123456789012345,
+        "limit_kw": 91.23456789012345,
+        "available": True,
+        "power_kw": -12.345678901234567,
+    }
+    forecast = [-12345.678901234567] * 192
+    answer = client_of(service).post("/v1/split", json={"demand_kw": forecast, "strings": [string] * 1000})
+    assert answer.status_code == 200, answer.text
+    service.close()
 
 
 def test_calibration_over_http(client: TestClient) -> None:

@@ -61,21 +61,25 @@ def _request(body: object, n_strings: int) -> tuple[float, dict[str, float]]:
     """Return the demand [kW] and SOC, 0 to 1, by name in the order of the strings."""
     request = body if isinstance(body, Mapping) else {}
     asked, batteries = request.get("SetActivePower"), request.get("powerDistribution")
-    power_w = number(asked)
-    if not power_w > 0.0:
+    power_kw = number(asked) / 1000.0
+    if not power_kw > 0.0:
         raise InputError(f"SetActivePower: {asked!r}, expected a power above 0 W")
     if not isinstance(batteries, Mapping) or len(batteries) != n_strings:
         count = len(batteries) if isinstance(batteries, Mapping) else "no"
         raise InputError(f"powerDistribution: {count} batteries, expected {n_strings}, one for each string")
+    if odd := [name for name in batteries if not re.fullmatch("[A-Za-z0-9_]{1,99}", name)]:
+        raise InputError(
+            f"powerDistribution: {odd[0][:99]!a}, expected a name of letters and digits, such as ess0"
+        )
     soc = {}
     for name in sorted(batteries, key=_natural):
         said = batteries[name].get("soc") if isinstance(batteries[name], Mapping) else None
-        soc[str(name)] = share = number(said) / 100.0
+        soc[name] = share = number(said) / 100.0
         if not 0.0 <= share <= 1.0:
             raise InputError(f"powerDistribution.{name}.soc: {said!r}, expected 0 to 100 %")
-    return power_w / 1000.0, soc
+    return power_kw, soc
 
 
-def _natural(name: object) -> list[tuple[int, str]]:
+def _natural(name: str) -> list[tuple[int, str]]:
     """Sort key by which ess10 comes after ess9."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", str(name))]
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", name)]

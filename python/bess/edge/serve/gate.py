@@ -30,8 +30,8 @@ REFUSALS: Final = LOG.getChild("requests")
 HEALTH: Final = "/v1/health"
 """The one path that needs no token."""
 _PAGES: Final = {"/", "/docs"}
-MAX_BODY: Final = 64 * 1024
-"""Maximum size of a request body [bytes]."""
+MAX_BODY: Final = 256 * 1024
+"""Maximum size of a request body [bytes]: all readings of 1,000 strings and a forecast of two days."""
 _READ_S: Final = 10.0
 """Time limit for receiving a body."""
 _OPEN_PER_S: Final = 100.0
