@@ -221,6 +221,15 @@ def test_the_reference_names_every_route(client: TestClient) -> None:
     assert "POST /v1/split" in client.get("/docs").text
 
 
+def test_the_schema_tells_media_types_and_which_route_needs_no_token(client: TestClient) -> None:
+    paths = client.get("/openapi.json").json()["paths"]
+    for path, kind in {"/": "text/html", "/metrics": "text/plain", "/v1/health": "application/json"}.items():
+        assert list(paths[path]["get"]["responses"]["200"]["content"]) == [kind]
+        assert client.get(path).headers["content-type"].startswith(kind)
+    open_ones = [path for path, routes in paths.items() if any({} in r["security"] for r in routes.values())]
+    assert open_ones == ["/v1/health"]
+
+
 def test_openems_is_answered_in_per_cent(client: TestClient) -> None:
     body = {"SetActivePower": 150_000, "powerDistribution": {"ess0": {"soc": 50}, "ess1": {"soc": 60}}}
     answer = client.post("/v1/openems-solver", json=body).json()

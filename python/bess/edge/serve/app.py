@@ -9,7 +9,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.security import HTTPBearer
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
-from starlette.responses import JSONResponse
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse
 
 from bess import __version__
 from bess.edge.plant_io.openems_solver import answer as openems_answer
@@ -102,7 +102,7 @@ def build_app(
         await service.call(service.end_calibration)
         return JSONResponse({"calibrating": None})
 
-    @app.get(HEALTH, summary="Health of the service; needs no token")
+    @app.get(HEALTH, summary="Health of the service; needs no token", openapi_extra={"security": [{}]})
     async def health(request: Request) -> Response:
         of_plant = {} if loop is None else loop.health(request.state.holds_token)
         return JSONResponse(service.health() | of_plant)
@@ -116,12 +116,12 @@ def build_app(
             shown |= {"plant": loop.health(with_details=True), "asked_by": source}
         return JSONResponse(shown)
 
-    @app.get("/metrics", summary="Metrics for Prometheus")
+    @app.get("/metrics", summary="Metrics for Prometheus", response_class=PlainTextResponse)
     async def metrics() -> Response:
         text = service.metrics.text(service.last, service.controller)
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 
-    @app.get("/", summary="A page that shows the strings live")
+    @app.get("/", summary="A page that shows the strings live", response_class=HTMLResponse)
     async def page() -> Response:
         return Response(PAGE, headers=PAGE_HEADERS, media_type="text/html")
 
