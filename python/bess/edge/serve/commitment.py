@@ -99,7 +99,10 @@ class CommitmentProblem:
         return np.asarray(self._shares(running[None], knots, (given @ running)[:, None])[0])
 
     def after(self, running: Flags, from_: Indices, to: Indices) -> tuple[Array, Array]:
-        """Cost [kW] and capability [kW] of the running strings after each move, see :class:`Commitment`."""
+        """Cost and capability [kW] of the running strings after each move; the number of strings means none.
+
+        Undelivered power costs ``SHORTFALL`` times.
+        """
         sets = np.tile(np.append(running, False), (from_.size, 1))
         index = np.arange(from_.size)
         sets[index, from_] = False
@@ -111,7 +114,8 @@ class CommitmentProblem:
         shares = self._shares(sets, knots, total[:, None] - given[:, from_] + given[:, to])
         curves = self.curves
         costs = curves.idle_kw * sets + (curves.slope + self.price) * shares + curves.bend * shares**2
-        return costs.sum(axis=1), sets @ self.max_kw
+        can = sets @ self.max_kw
+        return costs.sum(axis=1) + SHORTFALL * np.maximum(self.demand_kw - can, 0.0), can
 
     def _given(self) -> tuple[Array, Array]:
         """Marginal costs where a string begins or is full, and the power of each string (column) at them.
@@ -151,8 +155,7 @@ class Commitment(Checkpointed):
         self.running: Flags = np.zeros(n_strings, dtype=bool)
         self.since_s: Array = np.full(n_strings, _NO_LIMIT_S)
         self.starts: NDArray[np.int64] = np.zeros(n_strings, dtype=np.int64)
-        # Accumulated saving of each move, "from-to", strings that stop and start; the number of strings means
-        # none.
+        # Accumulated saving of each move, "from-to": strings that stop and start.
         self._saved_kwh: dict[str, float] = {}
         # Age [s] and magnitude [kW] of demands above all later ones, within the minimum off time.
         self._peaks: list[tuple[float, float]] = []
@@ -196,35 +199,28 @@ class Commitment(Checkpointed):
 
     def _move(self, problem: CommitmentProblem, step_s: float, *, adds_up: bool) -> list[Indices] | None:
         """Next switching with a net saving: strings that stop, and strings that start instead."""
-        n, demand_kw = self.running.size, problem.demand_kw
+        n = self.running.size
         stops, starts = np.flatnonzero(self._stoppable()), np.flatnonzero(self._startable(problem.usable))
-        # The first move changes nothing: n means no string.
+        # The first move changes nothing.
         from_ = np.concatenate([[n], stops, np.full(starts.size, n)])
         to = np.concatenate([np.full(1 + stops.size, n), starts])
-        loss, can = problem.after(self.running, from_, to)
-        short = np.maximum(demand_kw - can, 0.0)
-        extra = np.append(self._start_worth_kwh(), 0.0)
-        ends = 1 + stops.size
+        cost, can = problem.after(self.running, from_, to)
+        short = np.maximum(problem.demand_kw - can, 0.0)
+        extra, ends = np.append(self._start_worth_kwh(), 0.0), 1 + stops.size
         if short[0] > POWER_TOLERANCE_KW and (short[ends:] < short[0] - POWER_TOLERANCE_KW).any():
             # The capability is too small: the cheapest strings start now, their start cost spread over an
             # hour; in a large plant, all but a few of those that are needed in any case at once.
-            urgent = np.argsort(loss[ends:] + SHORTFALL * 100.0 * short[ends:] + extra[starts], kind="stable")
+            urgent = np.argsort((cost + SHORTFALL * 99.0 * short + extra[to])[ends:], kind="stable")
             needed = int(short[0] / problem.max_kw[starts].max())
             return [stops[:0], starts[urgent[: max(1, needed - CHOSEN)]]]
-        cost = loss + SHORTFALL * short
-        pairs = np.meshgrid(
-            stops[np.argsort(cost[1:ends], kind="stable")[:EXCHANGED]],
-            starts[np.argsort(cost[ends:], kind="stable")[:EXCHANGED]],
-        )
-        both, able = problem.after(self.running, *(strings.ravel() for strings in pairs))
-        from_, to = (np.append(one, two) for one, two in zip((from_[1:], to[1:]), pairs, strict=True))
-        if not from_.size:
+        cheapest = ((stops, cost[1:ends]), (starts, cost[ends:]))
+        pairs = np.meshgrid(*(s[np.argsort(alone, kind="stable")[:EXCHANGED]] for s, alone in cheapest))
+        paired = *pairs, *problem.after(self.running, *(strings.ravel() for strings in pairs))
+        from_, to, cost, can = map(np.append, (from_, to, cost, can), paired)
+        if from_.size == 1:
             return None
-        can_after = np.append(can[1:], able)
-        after = np.append(cost[1:], both + SHORTFALL * np.maximum(demand_kw - able, 0.0))
-        peak = max(p for _, p in self._peaks)
-        allowed = can_after >= min(peak, can[0]) - POWER_TOLERANCE_KW
-        saving = np.where(allowed, cost[0] - after, 0.0)
+        allowed = can >= min(max(p for _, p in self._peaks), can[0]) - POWER_TOLERANCE_KW
+        saving = np.where(allowed, cost[0] - cost, 0.0)
         moves = [f"{one}-{two}" for one, two in zip(from_, to, strict=True)]
         before = np.array([self._saved_kwh.get(move, 0.0) for move in moves]) if adds_up else 0.0
         saved = np.maximum(before + saving * step_s / 3600.0, 0.0)
