@@ -1,6 +1,6 @@
 """Synthetic demand, loads, solar power and grid frequency, computed without data files.
 
-All are sized for a pair of reference strings (184 kW, 532 kWh) that starts half full, and are
+All are sized for a pair of reference strings (184 kW, 536 kWh) that starts half full, and are
 meant to be scaled with the plant. They resemble the service and do not describe a real week. Values are
 rounded, as processors disagree in the last bit of an exponential, and a search then takes another of two
 nearly equal schedules.

@@ -113,7 +113,7 @@ class System:
 
     @classmethod
     def reference(cls, n_strings: int = 2) -> Self:
-        """Return the reference system (NMC strings of 92 kW / 266 kWh), any number of equal ones.
+        """Return the reference system (NMC strings of 92 kW / 268 kWh), any number of equal ones.
 
         Sizes, resistance and derating are from [1]_ if published there, and the open-circuit voltage is from
         [2]_. The page on parameters gives the source of each number.
