@@ -17,7 +17,7 @@ PRICE_PASSES = 40
 """Iterations of the shadow prices; the search gap at rated demand is then 1 to 2 %."""
 PROOF_CELLS = 320
 """SOC cells of the proven bound; 320 cells take 4 CPU s for a day of identical strings. At rated demand the
-proven gap is 2 to 4 %, and 3 to 6 % with the default price of starts."""
+proven gap is 2 to 3 %, and 3 to 5 % with the default price of starts."""
 
 
 def planner_of_known_demand(
