@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 import bess
+from bess.dispatch import synthetic
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
@@ -93,6 +94,15 @@ def test_the_page_on_differing_strings_quotes_what_announced_events_save() -> No
         figures += [4.0 * kpis["inverter_starts_mean"] for kpis in (announced, unannounced)]
         for text, figure in zip(quoted.groups(), figures, strict=False):
             assert float(text) == pytest.approx(figure, rel=RELATIVE, abs=0.06)
+
+
+def test_texts_give_the_energy_of_a_reference_string() -> None:
+    one_kwh = bess.System.reference(1).nominal_energy_kwh.sum()
+    pages = [DOCS / "parameters.md", DOCS / "notebooks/your-csv-to-a-decision.ipynb"]
+    for text in (*(page.read_text(encoding="utf-8") for page in pages), bess.System.reference.__doc__):
+        assert f"{one_kwh:.0f} kWh" in text
+    for text in ((DOCS / "quickstart.md").read_text(encoding="utf-8"), synthetic.__doc__):
+        assert f"{2 * one_kwh:.0f} kWh" in text
 
 
 def test_pages_ask_for_phrases_that_there_are_and_use_all_of_them() -> None:
