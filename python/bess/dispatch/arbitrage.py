@@ -70,8 +70,7 @@ class Arbitrage:
         Limits of the grid connection in each direction, below `power_kw`, > 0.
     look_ahead_h, replan_h : float
         Look-ahead of a plan, and interval between plans [h]; whole numbers of steps, and `replan_h` <=
-        `look_ahead_h`. Plans do not model derating and are therefore updated more often than prices: with two
-        strings at full power on German prices of 2024, every 12 h or 24 h earns 5 % less than every 6 h.
+        `look_ahead_h`. Plans do not model losses and derating, so fewer of them leave more undelivered.
     dt_h : float
         Control step [h].
     connection : GridConnection or None
