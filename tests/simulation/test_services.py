@@ -223,6 +223,24 @@ def test_a_site_asks_for_no_energy_of_a_string_out_of_service(name: str) -> None
     assert kpis["undelivered_kwh"] < 0.01 * kpis["delivered_kwh"]
 
 
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("fcr", {"demand__capacity_kw": 60.0}),
+        ("peak-shaving", {"demand__limit_kw": 340.0}),
+        ("self-consumption", {}),
+    ],
+)
+def test_a_plant_of_which_a_string_is_out_is_a_plant_without_it(name: str, values: dict[str, float]) -> None:
+    alike = {**values, "policy__name": "equal", "run__days": 2.0}
+    out, without = (
+        outcome(name, **alike, **more).dataset["delivered_kw"].values[:, 0]
+        for more in ({"event": OUT}, {"system__n_strings": 1})
+    )
+    assert np.abs(without).max() > 5.0
+    np.testing.assert_allclose(out, without, atol=0.05)  # the first estimate of efficiency has two weights
+
+
 def test_a_price_of_capacity_every_90_min_is_refused(tmp_path: Path) -> None:
     times = pd.date_range("2024-01-01", periods=32, freq="90min", tz="UTC")
     pd.Series(50.0, times, name="price").rename_axis("time").to_csv(tmp_path / "capacity.csv")

@@ -81,9 +81,7 @@ class SiteDemand(MeterSection, DemandSection):
         grid, store = site.grid, StorageEstimator(setting.system, self.efficiency)
         power_kw = float(setting.system.nominal_kw.sum())
         capacity_kwh = store.capacity_kwh(setting.system.initial_state(), self.ready_soc)
-        target = GridPowerTarget(
-            0.0, power_kw, capacity_kwh, store.one_way_efficiency, grid.dt_h, _MIN_SHARE * power_kw
-        )
+        target = GridPowerTarget(0.0, power_kw, capacity_kwh, store.one_way_efficiency, grid.dt_h)
         series = site.series | {"export_price_eur_mwh": np.full(grid.n_steps, self.export_price_eur_mwh)}
         target_kw, more_series = self._limit(setting, site, store, target)
         source = MeterSource(site.forecast, target, target_kw, store, self.ready_soc)
@@ -172,11 +170,13 @@ class MeterSource(DemandSource):
         state = now.state
         self.store.update(state, now.delivered_kw * self.target.dt_h)
         net_kw = self.net_kw.ahead(step, horizon)
+        power_kw = min(self.target.power_kw, float(now.limit_kw.sum()))
         target = replace(
             self.target,
             target_kw=self.target_kw[step : step + net_kw.size],
             one_way_efficiency=self.store.one_way_efficiency,
-            power_kw=min(self.target.power_kw, float(now.limit_kw.sum())),
+            power_kw=power_kw,
+            min_power_kw=_MIN_SHARE * power_kw,
             capacity_kwh=self.store.capacity_kwh(state, self.ready_soc, now.limit_kw),
         )
         return padded(target.demand_kw(net_kw, self.store.stored_kwh(state, now.limit_kw)), horizon)
