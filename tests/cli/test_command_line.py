@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -326,3 +327,13 @@ def test_a_file_missed_by_a_letter_is_named(tmp_path: Path) -> None:
     (tmp_path / "prices-2024.csv").touch()
     line = refused("check", "arbitrage-2024", "--set", "demand.prices=price-2024.csv", folder=tmp_path)
     assert "no such file; did you mean 'prices-2024.csv'?" in line
+
+
+def test_the_next_command_can_be_copied_from_a_folder_with_blanks_in_its_name(tmp_path: Path) -> None:
+    """``bess init`` names ``bess run``, which names ``bess report``."""
+    words = ["init", "wind park/ä"]
+    for more in (["--days", "0.125", "--set", "policy.name=equal", "--out", "first run"], ["--no-rules"]):
+        said = command(*words, folder=tmp_path).stdout
+        words = [*shlex.split(said[said.index(" bess ") :].rstrip(".\n"))[1:], *more]
+    assert command(*words, folder=tmp_path).returncode == 0
+    assert (tmp_path / "first run" / "report.html").exists()

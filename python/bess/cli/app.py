@@ -95,7 +95,7 @@ def run(
     else:
         results = {loaded.name: run(loaded, out=folder, resume=resume)}
     print(kpi_table({name: result.kpis for name, result in results.items()}))
-    print(f"\nResults are in {folder}; create the report with bess report {folder}.")
+    print(f"\nResults are in {folder}; create the report with bess report {_quoted(folder)}.")
 
 
 @app.command()
@@ -121,7 +121,7 @@ def sweep(
     failed = done.failed
     print(
         f"{len(done.outcomes)} runs in {folder}: {len(done.outcomes) - len(failed)} done "
-        f"({len(done.skipped)} previously), {len(failed)} failed; report: bess report {folder}"
+        f"({len(done.skipped)} previously), {len(failed)} failed; report: bess report {_quoted(folder)}"
     )
     if failed:
         raise BessError(f"{len(failed)} of {len(done.outcomes)} runs failed: {'; '.join(by_reason(failed))}")
@@ -276,7 +276,7 @@ def init(
     from bess.study.reference import start
 
     path = start(directory)
-    print(f"{path}: written; run it with bess run {path}")
+    print(f"{path}: written; run it with bess run {_quoted(path)}")
 
 
 @app.command()
@@ -362,3 +362,8 @@ def _folder(out: Path | None, name: str, resume: bool) -> Path:
         number += 1
         folder = Path("results") / f"{name}-{number}"
     return folder
+
+
+def _quoted(path: Path) -> str:
+    """Return a path as a shell takes it."""
+    return f'"{path}"' if " " in str(path) else str(path)
