@@ -57,6 +57,16 @@ CASES = [(f"{name}-{count}", make) for count in (1, 2, 9, 32) for name, make in 
 CASES += list(of_scenarios().items())
 
 
+def test_the_lowest_panel_of_each_column_has_numbers_on_its_axis() -> None:
+    base = kpis(record(2, 8))
+    keys = ["inverter_efficiency_pct", "battery_efficiency_pct", "system_efficiency_pct"]
+    named = {str(w): base | dict.fromkeys(keys, 97.0 + w) for w in (0.0, 0.5, 1.0)}
+    figure = figures.kpi_lines(named, [0.0, 0.5, 1.0], "weight", keys)
+    FigureCanvasAgg(figure).draw()
+    shown = [any(t.get_visible() for t in axes.get_xticklabels()) for axes in figure.axes]
+    assert shown == [False, True, True]
+
+
 @pytest.mark.parametrize("make", [make for _, make in CASES], ids=[name for name, _ in CASES])
 def test_a_figure_draws_with_units_and_a_legend_that_covers_no_axes(make: Callable[[], Figure]) -> None:
     figure = make()

@@ -117,7 +117,9 @@ def draw(chart: Chart) -> Figure:
     for unused in axes.ravel()[len(chart.panels) :]:
         unused.remove()
     for column in range(chart.columns):
-        axes[(len(chart.panels) - 1 - column) // chart.columns, column].set_xlabel(chart.x_label)
+        lowest = axes[(len(chart.panels) - 1 - column) // chart.columns, column]
+        lowest.set_xlabel(chart.x_label)
+        lowest.tick_params(labelbottom=True)  # also above an unused place
     figure.align_ylabels()
     _legend(figure, axes, chart)
     return figure
