@@ -131,6 +131,15 @@ def test_set_points_that_have_lapsed_are_no_beginning_of_a_ramp() -> None:
     assert answer.request_kw.sum() == pytest.approx(-10.0)
 
 
+def test_a_fallback_keeps_to_the_ramp_and_goes_on_from_the_last_one() -> None:
+    live, at_rest = controller(2, control_step_s=10.0, ramp_kw_per_s=1.0), measured([0.6, 0.5])
+    live.step(at_rest, 0.0, 0.0)
+    answers = [live.fallback(at_rest, demand_kw, "late") for demand_kw in (60.0, 60.0, 60.0, 60.0, -60.0)]
+    sums_kw = [answer.request_kw.sum() for answer in answers]
+    assert sums_kw == pytest.approx([20.0, 40.0, 60.0, 60.0, 40.0])
+    assert [answer.unmet_kw for answer in answers] == pytest.approx([40.0, 20.0, 0.0, 0.0, 100.0])
+
+
 def test_a_set_point_that_a_ramp_determines_says_so() -> None:
     live = controller(2, control_step_s=1.0, ramp_kw_per_s=5.0)
     for k, demand_kw in enumerate([60.0, 60.0, -60.0]):

@@ -83,6 +83,7 @@ class Controller(Checkpointed):
         self.plan = CarriedPlan(system, policy, plan_steps, self._pool, events)
         plan_s = self.plan.step_s
         self.step_s = plan_s if service.control_step_s is None else service.control_step_s
+        self._ramp_kw = None if service.ramp_kw_per_s is None else service.ramp_kw_per_s * self.step_s
         if self.step_s > plan_s:
             raise InputError(
                 f"service.control_step_s = {self.step_s:g} s: must not exceed the plan's step, {plan_s:g} s"
@@ -129,11 +130,9 @@ class Controller(Checkpointed):
         if elapsed_s > MAX_OUTAGE_S:
             elapsed_s = self.step_s
         self._last_s = now_s
-        most_kw = self.system.nominal_kw
-        power_kw = np.clip(np.nan_to_num(measured.power_kw), -most_kw, most_kw)
         # Set-points that did not arrive, or have expired, are not those of the plant.
         held = self.drives and elapsed_s <= self.step_s + self.service.watchdog_s
-        valid = self._validate(measured, self.last_kw if held else power_kw, elapsed_s, held)
+        valid = self._validate(measured, self._set_kw(measured, held), elapsed_s, held)
         self.valid = valid  # also for a fallback, if this step fails
         slot = self.plan.slot(now_s)
         forecast = self._forecast(demand_kw, slot, elapsed_s, forecast_kw)
@@ -150,11 +149,8 @@ class Controller(Checkpointed):
         able_to_share = able.only(sharing)
 
         wanted = self._choose(valid, able_to_share, sharing, rest_kw, discharge, now_s, elapsed_s)
-        limits = set_point_range(
-            able_to_share,
-            np.where(sharing, self.last_kw if held or self.watches else power_kw, 0.0),
-            None if self.service.ramp_kw_per_s is None else self.service.ramp_kw_per_s * self.step_s,
-        )
+        before_kw = np.where(sharing, self._set_kw(measured, held or self.watches), 0.0)
+        limits = set_point_range(able_to_share, before_kw, self._ramp_kw)
         running = self.commitment.running & sharing
         request = request + share(rest_kw, wanted, running, limits, self.soc_limits.minimum_kw)
 
@@ -189,15 +185,27 @@ class Controller(Checkpointed):
         demand_kw = demand_kw - float(flowing_kw.sum())
         discharge = demand_kw >= 0.0
         known = known & (measured.soc >= 0.0) & (measured.soc <= 1.0)
-        room = self.soc_limits.room(np.where(known, measured.soc, 0.5), discharge)
-        left_kwh = room * self.system.nominal_energy_kwh * self.ageing.soh_capacity
-        limit = measured.discharge_limit_kw if discharge else measured.charge_limit_kw
-        most = np.minimum(np.minimum(limit, self.system.nominal_kw), left_kwh * 3600.0 / self.step_s)
-        most = np.maximum(np.nan_to_num(np.where(known, most, 0.0)), 0.0)
-        power = water_fill(abs(demand_kw), left_kwh, most)
-        power[power < self.soc_limits.minimum_kw] = 0.0
-        request = power if discharge else -power
-        verbs = ("runs" if p else "rests" for p in power)
+        soc = np.where(known, measured.soc, 0.5)
+        energy_kwh = self.system.nominal_energy_kwh * self.ageing.soh_capacity
+
+        def left_kwh(discharge: bool) -> Array:
+            return self.soc_limits.room(soc, discharge) * energy_kwh
+
+        def most_kw(discharge: bool) -> Array:
+            limit = measured.discharge_limit_kw if discharge else measured.charge_limit_kw
+            most = np.minimum(
+                np.minimum(limit, self.system.nominal_kw), left_kwh(discharge) * 3600.0 / self.step_s
+            )
+            return np.asarray(np.maximum(np.nan_to_num(np.where(known, most, 0.0)), 0.0))
+
+        able = PowerCapability(most_kw(False), most_kw(True))
+        wanted = water_fill(abs(demand_kw), left_kwh(discharge), able.towards(discharge))
+        before_kw = np.where(known, self._set_kw(measured, self.drives or self.watches), 0.0)
+        limits = set_point_range(able, before_kw, self._ramp_kw)
+        request = share(demand_kw, wanted, wanted > 0.0, limits, self.soc_limits.minimum_kw)
+        self.last_kw = request
+        running = request != 0.0
+        verbs = ("runs" if on else "rests" for on in running)
         return Answer(
             request_kw=request,
             plan_kw=np.repeat(request[:, None], n_steps, axis=1),
@@ -207,7 +215,7 @@ class Controller(Checkpointed):
             unmet_kw=unmet(demand_kw, request),
             valid_for_s=self.step_s,
             solve_time_s=time.perf_counter() - began,
-            running=power > 0.0,
+            running=running,
             in_service=known,
             flowing_kw=flowing_kw,
             reasons=tuple(f"string {i} {verb}: shared by stored energy" for i, verb in enumerate(verbs)),
@@ -238,6 +246,11 @@ class Controller(Checkpointed):
         """End the threads of plan and calibration."""
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _set_kw(self, measured: Measurements, held: bool) -> Array:
+        """Set-points of the plant: the last ones if it holds them, otherwise its power."""
+        most_kw = self.system.nominal_kw
+        return self.last_kw if held else np.clip(np.nan_to_num(measured.power_kw), -most_kw, most_kw)
 
     def _validate(self, measured: Measurements, asked_kw: Array, elapsed_s: float, held: bool) -> ValidState:
         """Validate the measurements; count energy and ageing since the last step."""
