@@ -16,6 +16,7 @@ from plant_partners import Behaviour, Connecting, ManualClock, server
 
 import bess
 from bess.edge.plant_io import LinkError, calls, openems
+from bess.edge.plant_io.link import StringLink
 from bess.edge.plant_io.simulated import SimulatedPlant
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
 from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
@@ -184,6 +185,13 @@ def test_strings_that_were_not_reached_are_named(
         plant.faults.delay_s = 1.0
         with pytest.raises(LinkError, match=r"set-points of ess\d+(, ess\d+){7} not written: .*within 1.5 s"):
             link.write(np.full(12, 10.0))
+
+
+def test_of_very_many_strings_that_were_not_reached_some_are_named() -> None:
+    failures = {f"ess{string}": TimeoutError() for string in range(256)}
+    with pytest.raises(LinkError, match=r"set-points of ess0, .* and 236 more not written") as error:
+        StringLink._raise(failures)
+    assert len(str(error.value)) < 250
 
 
 def test_an_edge_that_takes_one_connection_has_all_strings_written_one_after_the_other(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from bess.edge.plant_io import calls
 from bess.edge.plant_io.calls import Calls
 from bess.errors import BessError, InputError
+from bess.market.files import listed
 
 REFRESH_S: Final = 20.0
 """A third of the time in which set-points expire, so that two consecutive writes may be lost."""
@@ -220,7 +221,7 @@ class StringLink(ABC, Generic[K]):
     def _raise(failures: Mapping[K, Exception]) -> None:
         if failures:
             reason = next(iter(failures.values()))
-            raise LinkError(f"set-points of {', '.join(map(str, failures))} not written: {reason}")
+            raise LinkError(f"set-points of {listed(map(str, failures))} not written: {reason}")
 
 
 _ROUNDING_W = 1e-6
