@@ -16,6 +16,7 @@ import pytest
 
 import bess
 from bess.dispatch import synthetic
+from bess.system.components.registry import list_systems
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
@@ -99,7 +100,8 @@ def test_the_page_on_differing_strings_quotes_what_announced_events_save() -> No
 def test_texts_give_the_energy_of_a_reference_string() -> None:
     one_kwh = bess.System.reference(1).nominal_energy_kwh.sum()
     pages = [DOCS / "parameters.md", DOCS / "notebooks/your-csv-to-a-decision.ipynb"]
-    for text in (*(page.read_text(encoding="utf-8") for page in pages), bess.System.reference.__doc__):
+    read = (page.read_text(encoding="utf-8") for page in pages)
+    for text in (*read, bess.System.reference.__doc__, list_systems()[0].description):
         assert f"{one_kwh:.0f} kWh" in text
     for text in ((DOCS / "quickstart.md").read_text(encoding="utf-8"), synthetic.__doc__):
         assert f"{2 * one_kwh:.0f} kWh" in text
