@@ -262,6 +262,20 @@ def test_a_table_of_capacity_prices_is_that_of_its_parquet_and_of_its_times_with
         np.testing.assert_array_equal(earned, np.repeat(10.0 + np.arange(6.0), 16))
 
 
+def test_prices_of_energy_beside_a_reserve_may_have_times_without_a_zone(tmp_path: Path) -> None:
+    times = pd.date_range("2024-01-01", periods=48, freq="h", name="time")
+    pd.DataFrame({"price": 40.0 + np.arange(48.0)}, times).to_csv(tmp_path / "naive.csv")
+    values = {
+        "demand.prices": str(tmp_path / "naive.csv"),
+        "run.days": 1.0,
+        "run.start": "2024-01-01T00:00:00Z",
+    }
+    with pytest.raises(bess.InputError, match="zone"):
+        prepare(bess.load_study("fcr", values))
+    price = prepare(bess.load_study("fcr", values | {"demand.time_zone": "UTC"})).price_eur_mwh
+    np.testing.assert_array_equal(price, np.repeat(40.0 + np.arange(24.0), 4))
+
+
 def test_tender_results_without_the_regular_tender_are_refused(tmp_path: Path) -> None:
     (tmp_path / "tender.csv").write_text(
         "DATE_FROM;TENDER_NUMBER;PRODUCTNAME;GERMANY_SETTLEMENTCAPACITY_PRICE_[EUR/MW]\n"

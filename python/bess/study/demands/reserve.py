@@ -198,7 +198,8 @@ class FcrDemand(DemandSection):
             first_s = grid.start_s // _HOUR_S * _HOUR_S
             price = SampledSeries(values, first_s, _HOUR_S, "the bundled week of prices", key)
         else:
-            price = setting.series_of(prices_of(file, self.zone), file, key)
+            read = prices_of(file, self.zone, time_zone=self.time_zone)
+            price = setting.series_of(read, file, key)
         setting.note(f"prices: {'a bundled week' if file == SYNTHETIC else file}", price)
         return price.on(grid)
 
