@@ -116,7 +116,7 @@ def test_fees_and_wear_lower_the_price_by_what_they_cost_down_to_zero() -> None:
     prices = []
     for fees_eur_mwh, wear_eur_mwh in costs:
         carried = budget(
-            DAILY, 14.0, fees_eur_mwh=fees_eur_mwh, wear_eur_mwh=lambda _, wear=wear_eur_mwh: wear
+            DAILY, 14.0, fees_eur_mwh=fees_eur_mwh, wear_eur_mwh=lambda *_, wear=wear_eur_mwh: wear
         )
         carried.advance(0, at(0.5), 0.0)
         prices.append(carried.price_eur_mwh)

@@ -52,6 +52,47 @@ def test_a_run_keeps_its_budget_and_the_record_says_at_what_price(
     assert (record["budget_price_eur_mwh"].values > 0.0).all()
 
 
+def first_price(values: dict[str, Any], **more: Any) -> float:
+    result = bess.run(bess.load_study("arbitrage-2024", values | {"run.days": 1.0} | more), progress=False)
+    return float(result.dataset["budget_price_eur_mwh"].values[0])
+
+
+def with_capacity(values: dict[str, Any], share: float, **keys: Any) -> dict[str, Any]:
+    """Limits on energy of a plant of which ``share`` is there, with ``keys``."""
+    whole = {"budget.cycles_per_year": values["budget.cycles_per_year"] / share}
+    return values | whole | {key.replace("__", "."): value for key, value in keys.items()}
+
+
+@pytest.mark.parametrize("plan", ["linear", "aware"])
+@pytest.mark.parametrize("wear", [{}, {"wear.model": "nmc-a-75ah", "wear.eur_per_mwh": 20.0}])
+def test_the_price_for_an_aged_plant_is_that_for_a_new_one_of_its_capacity(
+    values: dict[str, Any], plan: str, wear: dict[str, Any]
+) -> None:
+    """Budgets of the same energy; resistance aside, a smaller cell is an aged one."""
+    values = values | {"demand.plan": plan, "budget.cycles_per_year": 400.0} | wear
+    smaller = with_capacity(values, 0.6, system__parameters={"battery": {"cell_capacity_ah": 0.6 * 94.0}})
+    aged = first_price(values | {"system.initial_soh_capacity": 0.6})
+    assert aged == pytest.approx(first_price(smaller), rel=1e-6)
+    assert aged < 0.9 * first_price(values)
+
+
+@pytest.mark.parametrize("plan", ["linear", "aware"])
+def test_the_price_while_a_string_is_out_is_that_of_a_plant_without_it(
+    values: dict[str, Any], plan: str
+) -> None:
+    """Also if the string that is out has another age, and so another price of wear."""
+    values = values | {"demand.plan": plan, "wear.model": "naumann-lfp"}
+    day = {"start": datetime(2023, 1, 1, tzinfo=UTC), "end": datetime(2023, 1, 2, tzinfo=UTC)}
+    out = {"event": [{"string": 1} | day], "system.initial_soh_capacity": [1.0, 0.85]}
+    alone = first_price(with_capacity(values, 0.5, system__n_strings=1))
+    assert first_price(values | out) == pytest.approx(alone, rel=1e-6)
+
+
+def test_a_plant_of_which_no_string_is_in_service_has_no_price(values: dict[str, Any]) -> None:
+    day = {"start": datetime(2023, 1, 1, tzinfo=UTC), "end": datetime(2023, 1, 2, tzinfo=UTC)}
+    assert first_price(values | {"event": [{"string": string} | day for string in (0, 1)]}) == 0.0
+
+
 def test_throughput_is_energy_discharged(values: dict[str, Any]) -> None:
     limits = {"budget.cycles_per_year": 1e4, "budget.throughput_mwh_per_year": 1.2 * 365.0 / DAYS}
     kpis = bess.run(bess.load_study("arbitrage-2024", values | limits), progress=False).kpis

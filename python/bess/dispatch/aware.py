@@ -233,9 +233,9 @@ class DynamicProgramDispatch:
         energy_kwh, temperature_c = plant.energy_kwh(state.soc), plant.mean_c(state.temperature_c)
         return float(energy_kwh), plant.capacity_kwh, float(temperature_c)
 
-    def wear_eur_mwh(self, state: State) -> float:
+    def wear_eur_mwh(self, state: State, limit_kw: Array) -> float:
         """Return the wear cost of a MWh discharged (AC), the mean over depths of cycle."""
-        plant = Aggregate(self._system, self._dt_h, state, self._system.nominal_kw)
+        plant = self._aggregate(state, limit_kw)
         depths = CycleDepthCost.of(plant, self._wear.at(state))
         return KWH_PER_MWH * (depths.by_energy_eur_kwh + float(depths.marginal_eur_kwh.mean()))
 

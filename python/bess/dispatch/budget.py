@@ -72,16 +72,19 @@ class CycleBudget(Checkpointed):
         Nominal energy of each string as in the system file.
     usable_kwh, power_kw, efficiency : float
         The plant as an ideal store: energy between the SOC limits, AC power, round-trip efficiency.
+    size : callable or None
+        Present ``power_kw`` and ``usable_kwh`` at a state, with the power of each inverter in service; None
+        if they do not change.
     look_ahead_steps : int
         Length of the price forecast [steps].
     dt_h : float
         Control step [h].
     daily_kwh : float
-        Maximum stored energy that plans discharge each day; infinite without a limit.
+        Maximum stored energy that plans discharge each day at ``usable_kwh``; infinite without a limit.
     fees_eur_mwh : pair of float
         Fees on each MWh charged and discharged (AC), which plans include.
     wear_eur_mwh : callable or None
-        Wear cost of a MWh discharged (AC) at a state, as far as plans include it.
+        Wear cost of a MWh discharged (AC), as far as plans include it; arguments as of ``size``.
     """
 
     _carried = (
@@ -105,9 +108,11 @@ class CycleBudget(Checkpointed):
         dt_h: float,
         daily_kwh: float = np.inf,
         fees_eur_mwh: tuple[float, float] = (0.0, 0.0),
-        wear_eur_mwh: Callable[[State], float] | None = None,
+        wear_eur_mwh: Callable[[State, Array], float] | None = None,
+        size: Callable[[State, Array], tuple[float, float]] | None = None,
     ):
-        self._daily_kwh, self._fees_eur_mwh, self._wear_eur_mwh = daily_kwh, fees_eur_mwh, wear_eur_mwh
+        self._cycles_per_day, self._fees_eur_mwh = daily_kwh / usable_kwh, fees_eur_mwh
+        self._wear_eur_mwh, self._size = wear_eur_mwh, size
         self._prices, self._year_steps = prices, np.diff(years)
         self._years = np.minimum(years, n_steps)
         self._cycles, self._throughput_kwh = cycles, throughput_kwh
@@ -138,11 +143,19 @@ class CycleBudget(Checkpointed):
         stored_kwh = min(left_cycles * self._nominal_kwh, remaining_kwh / self._one_way)
         return max(0.0, float(stored_kwh - bound_kwh / self._one_way))
 
-    def advance(self, step: int, state: State, delivered_kw: float, service_kw: float = 0.0) -> None:
+    def advance(
+        self,
+        step: int,
+        state: State,
+        delivered_kw: float,
+        service_kw: float = 0.0,
+        limit_kw: Array | None = None,
+    ) -> None:
         """Count the step before ``step``, which ended at ``state``, and update the price once a day.
 
         ``service_kw`` is the part of its delivered power (positive = discharge) that a service required; the
-        same mean power is reserved for the rest of the year.
+        same mean power is reserved for the rest of the year. ``limit_kw`` is the power of each inverter in
+        service from ``step`` on, by default that of all.
         """
         self._bound_kwh += max(0.0, service_kw) * self._dt_h
         self._counted = step
@@ -157,7 +170,7 @@ class CycleBudget(Checkpointed):
             self._year += 1
             self._charged, self._discharged, self._discharged_kwh = 0.0, 0.0, 0.0
         if step % self._day_steps == 0:
-            self._update_price(step, state)
+            self._update_price(step, state, np.full(state.soc.size, np.inf) if limit_kw is None else limit_kw)
 
     def limited(self, demand_kw: Array) -> Array:
         """Limit a demand to the remaining budget."""
@@ -186,29 +199,37 @@ class CycleBudget(Checkpointed):
         """Share of the year that the run covers."""
         return float(np.diff(self._years)[self._year] / self._year_steps[self._year])
 
-    def _update_price(self, step: int, state: State) -> None:
-        """Compute the marginal value of a cycle on the known prices, and average it with earlier days."""
+    def _update_price(self, step: int, state: State, limit_kw: Array) -> None:
+        """Compute the marginal value of a cycle on the known prices, and average it with earlier days.
+
+        A plant that cannot trade keeps its price.
+        """
+        power_kw, usable_kwh = self._power_kw, self._usable_kwh
+        if self._size is not None:
+            power_kw, usable_kwh = self._size(state, limit_kw)
+        if power_kw <= 0.0 or usable_kwh <= 0.0:
+            return
         left_years = (self._years[self._year + 1] - step) / self._year_steps[self._year]
         days = self._year_steps[self._year] / self._day_steps
         even = min(self._cycles * self._nominal_kwh, self._throughput_kwh / self._one_way) / days
         due = self.remaining_kwh / days * _USE_GROWTH / math.expm1(_USE_GROWTH * left_years)
         due = max(due, _MIN_DAILY_USE * even)
         price = self._prices.ahead(step, self._look_ahead_steps)
-        cycles = due / self._usable_kwh * price.size / self._day_steps
+        cycles = due / usable_kwh * price.size / self._day_steps
         charge_fee, discharge_fee = self._fees_eur_mwh
-        wear_eur_mwh = 0.0 if self._wear_eur_mwh is None else self._wear_eur_mwh(state)
+        wear_eur_mwh = 0.0 if self._wear_eur_mwh is None else self._wear_eur_mwh(state, limit_kw)
         value = store_value(
             price,
-            self._usable_kwh,
-            self._power_kw,
+            usable_kwh,
+            power_kw,
             self._efficiency,
             cycles=cycles,
             dt_h=self._dt_h,
             fees_eur_mwh=(charge_fee, discharge_fee + wear_eur_mwh),
         )
-        value_eur = due * value.cycle_price_eur / self._usable_kwh
+        value_eur = due * value.cycle_price_eur / usable_kwh
         self._value_eur = np.append(self._value_eur, value_eur)[-_MAX_DAYS:]
         weight = 1.0 / (_RECENT_DAYS + np.arange(self._value_eur.size)[::-1])
         eur_per_kwh = float(weight @ self._value_eur) / (due * float(weight.sum()))
-        binds = self.remaining_kwh < self._daily_kwh * left_years * days
+        binds = self.remaining_kwh < self._cycles_per_day * usable_kwh * left_years * days
         self.price_eur_mwh = KWH_PER_MWH * eur_per_kwh / self._one_way if binds else 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -44,7 +45,7 @@ from bess.study.demands.source import (
 )
 from bess.study.grid import SampledSeries, TimeGrid
 from bess.study.sections import RunName, TimeZone
-from bess.system import System
+from bess.system import State, System
 from bess.system.quantities import NonNegative, Positive, within
 from bess.system.section import Section
 
@@ -191,11 +192,10 @@ class ArbitrageDemand(DemandSection):
                 auction = series["auction_price_eur_mwh"][:, -1]
                 forecast = AuctionForecast(price, auction, days, grid.dt_h)
         planner = self._planner(setting, grid, forecast, connection)
-        size = self._size(setting.system)
         budget = setting.budget_of(
             grid,
             forecast,
-            size,
+            partial(self._size, setting.system),
             self.efficiency,
             self.look_ahead_h,
             self.cycles_per_day if self.cycles_per_plan is None else None,
@@ -229,9 +229,7 @@ class ArbitrageDemand(DemandSection):
             prices.append(self._to_the_end(setting, grid, read, file, f"{key}.prices").on(grid))
             steps.append(steps_in(market.step_min / 60.0, grid.dt_h, f"{key}.step_min"))
         state = setting.system.initial_state()
-        planner = self._linear(
-            setting.system, grid, PerfectForecast(price), soh_capacity=state.soh_capacity, replan_h=grid.dt_h
-        )
+        planner = self._linear(setting.system, grid, PerfectForecast(price), state=state, replan_h=grid.dt_h)
         stored_kwh = StorageEstimator(setting.system, self.efficiency).stored_kwh(state)
         position_kw = auction_positions(
             [*prices, price],
@@ -315,11 +313,11 @@ class ArbitrageDemand(DemandSection):
         grid: TimeGrid,
         prices: Forecast,
         connection: GridConnection | None = None,
-        soh_capacity: Array | float = 1.0,
+        state: State | None = None,
         **more: Any,
     ) -> Arbitrage:
         """Return the linear dispatch of the section; ``more`` are further arguments of it."""
-        power_kw, energy_kwh = self._size(system, soh_capacity)
+        power_kw, energy_kwh = self._size(system, state)
         return Arbitrage(
             prices,
             calendar_days(grid.index, self.market_time_zone),
@@ -336,11 +334,13 @@ class ArbitrageDemand(DemandSection):
             **more,
         )
 
-    def _size(self, system: System, soh_capacity: Array | float = 1.0) -> tuple[float, float]:
-        """Return the power [kW] and energy [kWh] available for trading."""
-        low, high = system.soc_window
-        energy_kwh = float((system.nominal_energy_kwh * (high - low) * soh_capacity).sum())
-        power_kw = float(system.nominal_kw.sum())
+    def _size(
+        self, system: System, state: State | None = None, limit_kw: Array | float = np.inf
+    ) -> tuple[float, float]:
+        """Return the power [kW] and energy [kWh] available for trading; without a state, those when new."""
+        limit_kw, (low, high) = np.minimum(limit_kw, system.nominal_kw), system.soc_window
+        string_kwh = system.nominal_energy_kwh * (high - low) * (1.0 if state is None else state.soh_capacity)
+        power_kw, energy_kwh = float(limit_kw.sum()), float(string_kwh[counted(limit_kw)].sum())
         return min(power_kw, self.max_power_kw or power_kw), min(
             energy_kwh, self.max_energy_kwh or energy_kwh
         )
@@ -367,7 +367,7 @@ class ArbitrageSource(DemandSource):
         state = now.state
         self.measured(step, state.soc, state.soh_capacity)
         if self.budget is not None:
-            self.budget.advance(step, state, now.delivered_kw)
+            self.budget.advance(step, state, now.delivered_kw, limit_kw=now.limit_kw)
         if self.connection is not None:
             self.connection.advance(step, now.delivered_kw)
         if self._plan is None or self.planner.is_due(step, now, self._plan):

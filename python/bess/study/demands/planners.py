@@ -58,7 +58,7 @@ class LinearPlanner:
         self._arbitrage, self._system = arbitrage, system
         self.days = arbitrage.days
 
-    def wear_eur_mwh(self, state: State) -> float:
+    def wear_eur_mwh(self, state: State, limit_kw: Array) -> float:
         """Return the wear cost of a MWh discharged as plans include it: none."""
         return 0.0
 
@@ -108,9 +108,9 @@ class AwarePlanner:
     replan_steps: int | None = None
     bands: BandForecast | None = None
 
-    def wear_eur_mwh(self, state: State) -> float:
+    def wear_eur_mwh(self, state: State, limit_kw: Array) -> float:
         """Return the wear cost of a MWh discharged as plans include it."""
-        return self.dispatch.wear_eur_mwh(state)
+        return self.dispatch.wear_eur_mwh(state, limit_kw)
 
     def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
         """See :class:`LinearPlanner`."""

@@ -39,7 +39,7 @@ from bess.study.demands.source import (
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.keys import check_bundled
 from bess.study.sections import TimeZone
-from bess.system import System
+from bess.system import State, System
 from bess.system.quantities import Fraction, NonNegative, Positive, Price, within
 from bess.units import PERCENT
 
@@ -246,13 +246,21 @@ class FcrArbitrageDemand(FcrDemand):
         system, (capacity_kw, recharge_kw) = setting.system, self._powers(setting.system)
         power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
         trade = self._trade(setting, grid, price, power_kw, band)
-        size = power_kw, band.high_kwh - band.low_kwh
+        store = StorageEstimator(system, self.efficiency)
+
+        def size(state: State, limit_kw: Array) -> tuple[float, float]:
+            capacity_kwh = store.capacity_kwh(state, limit_kw=limit_kw)
+            window = EnergyWindow.of(
+                capacity_kw, self.duration_min, capacity_kwh, store.one_way_efficiency
+            ).narrowed(self.band)
+            return float(limit_kw.sum()) - capacity_kw - recharge_kw, window.high_kwh - window.low_kwh
+
         budget = setting.budget_of(
             grid, PerfectForecast(price), size, self.efficiency, self.look_ahead_h, self.cycles_per_day
         )
         if self.choose_capacity is not None:
             power_kw += capacity_kw
-            stored_kwh = StorageEstimator(system, self.efficiency).stored_kwh(system.initial_state())
+            stored_kwh = store.stored_kwh(system.initial_state())
             sold_kw = reserve_blocks(
                 capacity_price,
                 price,
@@ -332,7 +340,7 @@ class ReserveSource(DemandSource):
         capacity_kwh = self.store.capacity_kwh(state, limit_kw=limit_kw)
         if self.budget is not None:
             answered_kw = max(0.0, self._recorded.get("response_kw", 0.0))
-            self.budget.advance(step, state, now.delivered_kw, answered_kw)
+            self.budget.advance(step, state, now.delivered_kw, answered_kw, limit_kw)
         capacity_kw = float(self.capacity_kw[step])
         window, largest = (
             EnergyWindow.of(each, self.choice.duration_min, capacity_kwh, self.store.one_way_efficiency)

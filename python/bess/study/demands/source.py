@@ -147,21 +147,21 @@ class Setting:
         self,
         grid: TimeGrid,
         prices: Forecast,
-        size: tuple[float, float],
+        size: Callable[[State, Array], tuple[float, float]],
         efficiency: float,
         look_ahead_h: float,
         cycles_per_day: float | None,
-        wear_eur_mwh: Callable[[State], float] | None = None,
+        wear_eur_mwh: Callable[[State, Array], float] | None = None,
     ) -> CycleBudget | None:
         """Return the yearly budget, if any.
 
-        ``size`` is power [kW] and energy [kWh] available for trading, ``cycles_per_day`` the daily limit of
-        plans, and ``wear_eur_mwh`` the wear cost in them; see :class:`bess.dispatch.CycleBudget`.
+        ``size`` returns power [kW] and energy [kWh] available for trading, ``cycles_per_day`` is the daily
+        limit of plans, and ``wear_eur_mwh`` the wear cost in them; see :class:`bess.dispatch.CycleBudget`.
         """
         limits = self.budget
         if not limits.is_set:
             return None
-        power_kw, energy_kwh = size
+        power_kw, energy_kwh = size(self.system.initial_state(), self.system.nominal_kw)
         return CycleBudget(
             prices,
             grid.years,
@@ -177,6 +177,7 @@ class Setting:
             daily_kwh=(cycles_per_day or np.inf) * energy_kwh,
             fees_eur_mwh=self.terms.fees_eur_mwh,
             wear_eur_mwh=wear_eur_mwh,
+            size=size,
         )
 
 
