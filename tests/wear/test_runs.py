@@ -173,6 +173,25 @@ def test_a_present_value_is_that_of_a_pocket_calculator() -> None:
         net_present_value([1.0], -1.0)
 
 
+@pytest.mark.closed_form
+@pytest.mark.parametrize("days", [30, 365, 400, 760])
+def test_the_part_of_a_year_is_discounted_from_its_own_end(days: int) -> None:
+    """Of income of 1 EUR a day, the present value is that of daily amounts within half a year of interest."""
+    whole, left = divmod(days - 1, 365)
+    amounts, last_year = [365.0] * whole + [left + 1.0], (left + 1.0) / 365.0
+    value = net_present_value(amounts, 0.05, last_year=last_year)
+    expected = 365.0 * (1.0 - 1.05**-whole) / 0.05 + (left + 1.0) * 1.05 ** -(days / 365.0)
+    assert value == pytest.approx(expected)
+    daily = sum(1.05 ** -((day + 0.5) / 365.0) for day in range(days))
+    assert daily / 1.05**0.51 < value < daily
+
+
+@pytest.mark.parametrize("last_year", [0.0, -0.5, 1.5, np.nan])
+def test_a_last_year_is_a_share_of_one(last_year: float) -> None:
+    with pytest.raises(bess.InputError, match="last_year"):
+        net_present_value([1.0], 0.05, last_year=last_year)
+
+
 @pytest.mark.slow
 def test_ten_times_as_long_costs_ten_times_as_much_also_with_ageing() -> None:
     """A year without ageing and ten with it, both a tenth as long; processor time, as a ratio."""

@@ -106,6 +106,12 @@ class TimeGrid:
             firsts.append(-(-later_s // self.step_s))
         return np.array(firsts)
 
+    @property
+    def year_shares(self) -> NDArray[np.float64]:
+        """Share of each year of operation that the grid covers: 1, but for the last."""
+        years = self.years
+        return np.asarray(np.diff(np.minimum(years, self.n_steps)) / np.diff(years))
+
     def earlier(self, n_steps: int) -> TimeGrid:
         """Return this grid with ``n_steps`` steps before it."""
         return TimeGrid(self.start_s - self.step_s * n_steps, self.step_s, self.n_steps + n_steps)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bess.arrays import Array
+from bess.arrays import finite_array, one_number
 from bess.errors import InputError
 from bess.simulation.analysis.settlement import has_prices, recorded_terms, settled
 from bess.simulation.record.dataset import seconds, study_of, with_initial
@@ -100,7 +100,7 @@ def cash_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     return frame
 
 
-def net_present_value(amounts: ArrayLike, discount_rate: float) -> float:
+def net_present_value(amounts: ArrayLike, discount_rate: float, last_year: float = 1.0) -> float:
     r"""Return the net present value of amounts at the ends of years: :math:`\sum_k a_k (1 + r)^{-k}`.
 
     Parameters
@@ -109,18 +109,25 @@ def net_present_value(amounts: ArrayLike, discount_rate: float) -> float:
         One amount for each year, such as ``ledger_by_year(result)["net_eur"]``.
     discount_rate
         Per year, above -1; 0.05 for 5 %.
+    last_year
+        Share of the last year after which its amount is due, in (0, 1].
 
     Raises
     ------
     InputError
-        If the rate is -1 or less, or an amount is not finite.
+        If the rate is -1 or less, an amount is not finite, or the share is outside its range.
     """
-    values: Array = np.asarray(amounts, dtype=np.float64).ravel()
-    if not (discount_rate > -1.0 and math.isfinite(discount_rate) and np.isfinite(values).all()):
-        raise InputError(
-            f"discount_rate {discount_rate:g}: must be finite and above -1, and all amounts finite"
-        )
-    return math.fsum(values / (1.0 + discount_rate) ** np.arange(1, values.size + 1))
+    values, rate = np.atleast_1d(finite_array("amounts", amounts)), one_number("discount_rate", discount_rate)
+    last = one_number("last_year", last_year)
+    if values.ndim > 1:
+        raise InputError(f"amounts have shape {values.shape}; give one amount for each year")
+    if rate <= -1.0:
+        raise InputError(f"discount_rate {rate:g}: must be above -1")
+    if not 0.0 < last <= 1.0:
+        raise InputError(f"last_year {last:g}: must be in (0, 1]")
+    years = np.arange(1.0, values.size + 1.0)
+    years[-1:] -= 1.0 - last
+    return math.fsum(values / (1.0 + rate) ** years)
 
 
 def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
@@ -147,10 +154,10 @@ def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
         yield "investment_eur", math.fsum(dataset["investment_eur"].values.ravel())
     if has_prices(dataset):
         if days > DAYS_PER_YEAR:
-            rate = recorded_terms(dataset).discount_rate
-            yield "npv_eur", net_present_value(ledger_by_year(dataset)["net_eur"], rate)
+            terms = recorded_terms(dataset).discount_rate, float(TimeGrid.of_record(dataset).year_shares[-1])
+            yield "npv_eur", net_present_value(ledger_by_year(dataset)["net_eur"], *terms)
             if "cyclic_loss" in dataset:
-                yield "cash_npv_eur", net_present_value(cash_by_year(dataset)["cash_eur"], rate)
+                yield "cash_npv_eur", net_present_value(cash_by_year(dataset)["cash_eur"], *terms)
     else:
         yield "wear_eur", math.fsum(dataset["wear_eur"].values.ravel())
 
@@ -166,12 +173,11 @@ def budget_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     limits = BudgetSection.model_validate(study_of(dataset)["budget"])
     step_h = float(dataset.attrs["step_h"])
     grid = TimeGrid.of_record(dataset)
-    years = np.minimum(grid.years, grid.n_steps)
-    part = np.diff(years) / np.diff(grid.years)
+    first, part = grid.years[:-1], grid.year_shares
     nominal_kwh = np.ravel(dataset.attrs["nominal_energy_kwh"])
     change_kwh = np.diff(with_initial(dataset, "soc"), axis=0) * dataset["soh_capacity"].values * nominal_kwh
     charged, discharged = (
-        np.add.reduceat(np.maximum(sign * change_kwh, 0.0).sum(axis=1), years[:-1]) / nominal_kwh.sum()
+        np.add.reduceat(np.maximum(sign * change_kwh, 0.0).sum(axis=1), first) / nominal_kwh.sum()
         for sign in (1.0, -1.0)
     )
     sold_mwh = np.maximum(dataset["delivered_kw"].values, 0.0).sum(axis=1) * step_h / KWH_PER_MWH
@@ -179,7 +185,7 @@ def budget_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
         (values / (part * limit)).max()
         for values, limit in (
             (np.maximum(charged, discharged), limits.cycles_per_year),
-            (np.add.reduceat(sold_mwh, years[:-1]), limits.throughput_mwh_per_year),
+            (np.add.reduceat(sold_mwh, first), limits.throughput_mwh_per_year),
         )
         if limit is not None
     ]
