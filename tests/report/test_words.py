@@ -1,5 +1,6 @@
 """Claims about what the report says: it warns when it must, marks the best, and judges the paper fairly."""
 
+import math
 import re
 from pathlib import Path
 
@@ -465,3 +466,19 @@ def test_a_search_whose_best_earns_nothing_has_no_shares_of_it() -> None:
     parameters = {name: {"wear.eur_per_mwh": name} for name in rows}
     said = SweepTable(parameters, rows, {}, "net_eur").front_sentence()
     assert said.endswith("0 costs 8.00 EUR, 2 costs 2.00 EUR.")
+
+
+def test_a_search_is_told_over_the_runs_that_have_a_number() -> None:
+    rows = {str(i): BASE | {"net_eur": net} for i, net in enumerate((math.nan, -1.0, 4.0, -2.0, math.nan))}
+    parameters = {name: {"wear.eur_per_mwh": name} for name in rows}
+    table = SweepTable(parameters, rows, {}, "net_eur")
+    said = table.front_sentence()
+    assert said == (
+        "Best wear.eur_per_mwh: 2, with net income 4.00 EUR. 1 costs 5.00 EUR (125.0 %), 3 costs 6.00 EUR "
+        "(150.0 %)."
+    )
+    assert "search" in [figure.name for figure in table.exhibits()]
+    for lacking in ({name: BASE | {"net_eur": math.nan} for name in rows}, dict.fromkeys(rows, BASE)):
+        table = SweepTable(parameters, lacking, {}, "npv_eur")
+        assert table.front_sentence() == ""
+        assert "search" not in [figure.name for figure in table.exhibits()]

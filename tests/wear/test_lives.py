@@ -324,6 +324,48 @@ def test_a_search_of_which_one_run_finished_ends() -> None:
     assert refined(study, runs, {next(iter(runs)): {"cash_npv_eur": 1.0}}) == {}
 
 
+def hump(study: bess.Study, unknown: float, **kpis: float) -> list[float]:
+    """Prices tried in a search for the top at 0, of which the run at a price has other KPIs."""
+    runs = expand(study)
+    for _ in range(2):
+        tried = {name: each.wear.eur_per_mwh or 0.0 for name, each in runs.items()}
+        found = {name: {"cash_npv_eur": -price} for name, price in tried.items()}
+        runs |= refined(study, runs, {name: kpis if tried[name] == unknown else found[name] for name in runs})
+    return sorted(each.wear.eur_per_mwh or 0.0 for each in runs.values())
+
+
+@pytest.mark.parametrize("kpis", [{"cash_npv_eur": np.nan}, {"cash_npv_eur": np.inf}, {}])
+def test_a_search_passes_over_a_run_without_a_number(kpis: dict[str, float]) -> None:
+    study = bess.load_study("wear-price", {"demand.prices": "prices.csv"})
+    assert hump(study, 160.0, **kpis) == [0.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0]
+    assert hump(study, 0.0, **kpis) == [0.0, 40.0, 50.0, 60.0, 80.0, 120.0, 160.0]
+
+
+def test_a_search_in_which_no_run_has_a_number_names_the_kpi() -> None:
+    study = bess.load_study("wear-price", {"demand.prices": "prices.csv"})
+    runs = expand(study)
+    with pytest.raises(bess.InputError, match=r"sweep\.maximise = 'cash_npv_eur'.*is nan in run"):
+        refined(study, runs, {name: {"cash_npv_eur": np.nan} for name in runs})
+
+
+def test_a_search_over_whole_numbers_stays_among_them() -> None:
+    axis = {"key": "policy.horizon_steps", "values": [2, 4, 8], "maximise": "net_eur", "refine": 3}
+    study = bess.load_study("case1", {"sweep": [axis]})
+    runs = expand(study)
+    for _ in range(study.refinements):
+        steps = {name: each.policy.horizon_steps for name, each in runs.items()}
+        runs |= refined(study, runs, {name: {"net_eur": -abs(value - 6.0)} for name, value in steps.items()})
+    assert sorted(each.policy.horizon_steps for each in runs.values()) == [2, 3, 4, 5, 6, 7, 8]
+
+
+def test_a_search_over_texts_is_refused_before_it_runs(tmp_path: Path) -> None:
+    axis = {"key": "policy.name", "values": ["equal", "soc"], "maximise": "net_eur", "refine": 1}
+    study = bess.load_study("case1", {"run.days": 0.25, "sweep": [axis]})
+    with pytest.raises(bess.InputError, match="a search needs numbers"):
+        bess.run_scenarios(study, progress=False, out=tmp_path)
+    assert not any(tmp_path.glob("*/"))
+
+
 def test_a_search_writes_a_table_whose_page_names_the_best_price(tmp_path: Path) -> None:
     study = bess.load_study(
         "wear-price",

@@ -219,6 +219,7 @@ def _rounds(
     study: Study, studies: dict[str, Study], done: Mapping[str, Result | Outcome]
 ) -> Iterator[dict[str, Study]]:
     """Yield the runs of a study, then the runs of each refinement, which are added to ``studies``."""
+    refined(study, studies, {})  # refuses an invalid search before its runs
     yield studies
     for _ in range(study.refinements):
         new = refined(study, studies, {name: each.kpis for name, each in done.items() if each.kpis})

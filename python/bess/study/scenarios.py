@@ -68,6 +68,8 @@ def refined(
 ) -> dict[str, Study]:
     """Return further runs of a search: half-way between the best value and its neighbours.
 
+    Runs without a finite value of the KPI are left out.
+
     Parameters
     ----------
     study
@@ -80,26 +82,42 @@ def refined(
         return {}
     if len(study.sweep) > 1 or study.scenario:
         raise InputError(f"{study.name}: sweep.maximise: a search has one axis and no scenarios")
-    points = {}
+    points, unknown = {}, ""
     for name, run in runs.items():
+        value = value_at(run.document(), axis.key)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"{study.name}: {axis.key} = {value!r}: a search needs numbers")
         if name not in kpis:  # failed
             continue
-        value = value_at(run.document(), axis.key)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"{study.name}: {axis.key} = {value!r}: a search needs numbers")
-        if axis.maximise not in kpis[name]:
-            raise InputError(
-                f"{study.name}: sweep.maximise = {axis.maximise!r}: run {name} has no such KPI; name another "
-                "(a net present value needs more than a year)"
-            )
-        points[value] = kpis[name][axis.maximise]
+        found = kpis[name].get(axis.maximise)
+        if found is not None and math.isfinite(found):
+            points[value] = found
+        else:
+            unknown = f"run {name} has no such KPI" if found is None else f"it is {found} in run {name}"
+    if unknown and not points:
+        raise InputError(
+            f"{study.name}: sweep.maximise = {axis.maximise!r}: {unknown}; name another "
+            "(a net present value needs more than a year)"
+        )
     values = sorted(points)
     if len(values) < 2:  # nothing is between
         return {}
     best = max(range(len(values)), key=lambda place: points[values[place]])
     around = values[max(0, best - 1) : best + 2]
-    new = tuple(_plain((low + high) / 2.0) for low, high in itertools.pairwise(around))
-    return expand(study.model_copy(update={"sweep": (Axis(key=axis.key, values=new),)}))
+    between = (_between(study, axis.key, *pair) for pair in itertools.pairwise(around))
+    new = tuple(value for value in between if value not in points)
+    return expand(study.model_copy(update={"sweep": (Axis(key=axis.key, values=new),)})) if new else {}
+
+
+def _between(study: Study, key: str, low: float, high: float) -> float:
+    """Return the mean of two values; of integers the one below, if the key needs them."""
+    mean = _plain((low + high) / 2.0)
+    if isinstance(low, int) and isinstance(high, int) and isinstance(mean, float):
+        try:
+            study.with_values({key: mean})
+        except InputError:
+            return (low + high) // 2
+    return mean
 
 
 def _plain(value: float) -> float:

@@ -120,17 +120,18 @@ class SweepTable:
             partial(kpi_figures.pareto_front, self._compared, x=_X, y=_Y),
         )
         for key, values in self._swept.items():
-            if self.maximised is not None:
+            if self.maximised is not None and (found := self._found(key, self.maximised)):
+                kpis = {run: self.kpis[run] for run in found}
                 shown = [
                     name
                     for name in (self.maximised, *_OF_A_LIFE)
-                    if all(math.isfinite(row.get(name, math.nan)) for row in self.kpis.values())
+                    if all(math.isfinite(row.get(name, math.nan)) for row in kpis.values())
                 ]
                 yield FigureSpec(
                     "search",
                     f"{kpi(self.maximised).label} over {key}",
                     "One point for each run; later runs lie around the best value.",
-                    partial(kpi_figures.kpi_lines, self.kpis, values, key, shown),
+                    partial(kpi_figures.kpi_lines, kpis, list(found.values()), key, shown),
                 )
             if len(set(values)) == len(values) and changing_kpis(self.kpis):
                 yield FigureSpec(
@@ -169,10 +170,12 @@ class SweepTable:
     def _search_sentence(self, name: str) -> str:
         """Best parameter value of a search, and what is lost at both ends of its range."""
         key = next(iter(self._swept))
-        points = sorted(zip(self._swept[key], (row[name] for row in self.kpis.values()), strict=True))
-        values, found = np.array(points).T
+        at = self._found(key, name)
+        if not at:
+            return ""
+        values, found = np.array(sorted((value, self.kpis[run][name]) for run, value in at.items())).T
         place = int(np.argmax(found))
-        best = next(run for run, row in self.kpis.items() if row[name] == found[place])
+        best = next(run for run in at if self.kpis[run][name] == found[place])
 
         def cost(value: float) -> str:
             lost = found[place] - float(np.interp(value, values, found))
@@ -214,6 +217,11 @@ class SweepTable:
             for name, why in reasons.items()
         ]  # fmt: skip
         return heads, rows
+
+    def _found(self, key: str, name: str) -> dict[str, float]:
+        """Values of a parameter in the runs with a finite value of a KPI."""
+        values = zip(self.kpis, self._swept[key], strict=True)
+        return {run: value for run, value in values if math.isfinite(self.kpis[run].get(name, math.nan))}
 
     def _said(self, name: str) -> str:
         """Parameters of a scenario as numbers."""
