@@ -168,3 +168,28 @@ def test_a_cycle_is_the_nominal_energy_through_the_cells_of_strings_of_any_size_
         carried.advance(step, bess.State(soc, [25.0, 25.0], [0.7, 0.9]), 0.0)
     assert carried.cycles_used == pytest.approx(0.5 * 700.0 / 1250.0)
     assert carried.recorded()["budget_cycles"] == carried.cycles_used
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"cycles": 0.0}, "budget: cycles 0 must be above 0"),
+        ({"cycles": np.nan}, "budget: cycles nan must be above 0"),
+        ({"cycles": "10"}, "budget: cycles must be an array of numbers"),
+        ({"throughput_kwh": np.nan}, "budget: throughput_kwh nan must be above 0"),
+        ({"daily_kwh": -1.0}, "budget: daily_kwh -1 must be above 0"),
+    ],
+)
+def test_a_budget_that_is_none_is_refused(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(bess.InputError, match=message):
+        budget(DAILY, **{"cycles": 14.0} | values)
+
+
+@pytest.mark.parametrize("nominal_kwh", [[np.nan], [-5.0], [], 1000.0, ["a"]])
+def test_a_store_that_is_none_has_no_budget(nominal_kwh: Any) -> None:
+    with pytest.raises(bess.InputError, match="budget: nominal_kwh"):
+        CycleBudget(
+            PerfectForecast(DAILY), np.array([0, DAILY.size]), DAILY.size, cycles=10.0, throughput_kwh=np.inf,
+            nominal_kwh=nominal_kwh, usable_kwh=925.0, power_kw=POWER_KW, efficiency=ROUND_TRIP,
+            look_ahead_steps=144, dt_h=0.25,
+        )  # fmt: skip

@@ -80,6 +80,8 @@ def test_the_step_is_that_of_the_times() -> None:
         ({"round_trip": 1.1}, r"round_trip 1.1 is outside \(0, 1\]"),
         ({"initial_kwh": 1001.0}, r"initial_kwh 1001 kWh is outside \[0, 1000\] kWh"),
         ({"prices": [1.0, np.nan]}, "prices at index 1 is nan"),
+        ({"fees_eur_mwh": 5.0}, r"fees_eur_mwh has shape \(\); give two numbers"),
+        ({"fees_eur_mwh": (1.0, 2.0, 3.0)}, r"fees_eur_mwh has shape \(3,\); give two numbers"),
         ({"prices": []}, "give one value for each step"),
         ({"prices": pd.Series([1.0] * 3, index=pd.to_datetime([0, 24, 72], unit="h"))}, "24 to 48 h apart"),
     ],

@@ -181,6 +181,38 @@ def test_an_impossible_replacement_is_refused(table: dict[str, Any], message: st
         run({"run.start": pd.Timestamp("2024-01-01T00:00Z").to_pydatetime(), "replacement": [table]})
 
 
+@pytest.mark.parametrize(
+    ("replaced", "added", "message"),
+    [
+        (
+            ["06:00", "06:00"],
+            [],
+            r"replacement\[1\]\.date = 2024-01-01 06:00.*another battery of string 0",
+        ),
+        (
+            ["06:01"],
+            ["06:14"],
+            r"augmentation\[0\]\.date = 2024-01-01 06:14.*another battery of string 0",
+        ),
+        (["06:00"], ["12:00"], "string 0 gets a new battery before it is added"),
+    ],
+)
+def test_a_battery_that_nobody_would_use_is_refused(
+    replaced: list[str], added: list[str], message: str
+) -> None:
+    def tables(hours: list[str]) -> list[dict[str, Any]]:
+        return [
+            {"string": 0, "date": pd.Timestamp(f"2024-01-01T{hour}Z").to_pydatetime(), "eur_kwh": 50.0}
+            for hour in hours
+        ]
+
+    with pytest.raises(bess.InputError, match=message):
+        run(
+            {"run.start": pd.Timestamp("2024-01-01T00:00Z").to_pydatetime()}
+            | {"replacement": tables(replaced), "augmentation": tables(added)}
+        )
+
+
 @pytest.mark.parametrize("at_end", ["retire", "replace"])
 def test_a_run_continues_from_a_checkpoint_at_an_end_of_life(at_end: str) -> None:
     study = bess.load_study("case1", AGEING | {"wear.at_end_of_life": at_end})
@@ -324,21 +356,21 @@ def test_a_search_of_which_one_run_finished_ends() -> None:
     assert refined(study, runs, {next(iter(runs)): {"cash_npv_eur": 1.0}}) == {}
 
 
-def hump(study: bess.Study, unknown: float, **kpis: float) -> list[float]:
+def tried(study: bess.Study, unknown: float, **kpis: float) -> list[float]:
     """Prices tried in a search for the top at 0, of which the run at a price has other KPIs."""
     runs = expand(study)
     for _ in range(2):
-        tried = {name: each.wear.eur_per_mwh or 0.0 for name, each in runs.items()}
-        found = {name: {"cash_npv_eur": -price} for name, price in tried.items()}
-        runs |= refined(study, runs, {name: kpis if tried[name] == unknown else found[name] for name in runs})
+        prices = {name: each.wear.eur_per_mwh or 0.0 for name, each in runs.items()}
+        found = {name: {"cash_npv_eur": -eur} if eur != unknown else kpis for name, eur in prices.items()}
+        runs |= refined(study, runs, found)
     return sorted(each.wear.eur_per_mwh or 0.0 for each in runs.values())
 
 
 @pytest.mark.parametrize("kpis", [{"cash_npv_eur": np.nan}, {"cash_npv_eur": np.inf}, {}])
 def test_a_search_passes_over_a_run_without_a_number(kpis: dict[str, float]) -> None:
     study = bess.load_study("wear-price", {"demand.prices": "prices.csv"})
-    assert hump(study, 160.0, **kpis) == [0.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0]
-    assert hump(study, 0.0, **kpis) == [0.0, 40.0, 50.0, 60.0, 80.0, 120.0, 160.0]
+    assert tried(study, 160.0, **kpis) == [0.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0]
+    assert tried(study, 0.0, **kpis) == [0.0, 40.0, 50.0, 60.0, 80.0, 120.0, 160.0]
 
 
 def test_a_search_in_which_no_run_has_a_number_names_the_kpi() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -118,3 +120,27 @@ def test_points_that_fit_no_string_are_refused() -> None:
         now.cycling_eur_kwh(np.ones((3, 2)), 25.0)
     with pytest.raises(bess.InputError, match="cyclic_loss has 1"):
         bess.State([0.5, 0.5], [25.0, 25.0], cyclic_loss=[0.1])
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ({"depth": np.nan}, "wear: depth is nan"),
+        ({"depth": 2.0}, r"wear: depth 2 is outside \[0, 1\]"),
+        ({"depth": "0.8"}, "wear: depth must be an array of numbers"),
+        ({"soc": [0.5, -0.1]}, r"wear: soc -0.1 is outside \[0, 1\]"),
+        ({"c_rate": -1.0}, r"wear: c_rate -1 is outside \[0, 100\]"),
+        ({"temperature_c": 298.15}, r"wear: temperature_c 298.15 is outside \[-60, 150\]"),
+        ({"temperature_c": np.nan}, "wear: temperature_c is nan"),
+    ],
+)
+def test_a_price_of_an_impossible_cycle_is_refused(points: dict[str, Any], message: str) -> None:
+    """Which would be 0 or that of another cycle."""
+    plant = bess.System(bess.System.reference(1).document | {"wear": {"model": "nmc-a-75ah"}})
+    now = wear.marginal(plant, bess.State([0.5], [25.0]))
+    for price in (now.cycling_eur_kwh, now.cycling_eur_ah):
+        with pytest.raises(bess.InputError, match=message):
+            price(**{"depth": 0.8, "temperature_c": 25.0} | points)
+    if not {"depth", "c_rate"} & points.keys():
+        with pytest.raises(bess.InputError, match=message):
+            now.calendar_eur_day(**{"soc": 0.5, "temperature_c": 25.0} | points)

@@ -9,10 +9,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.arrays import Array
+from bess.arrays import Array, finite_array, number_array, require_positive
 from bess.checkpoints import Checkpointed
 from bess.dispatch.forecast import Forecast
 from bess.dispatch.store_value import store_value
+from bess.errors import InputError
 from bess.system import State
 from bess.units import HOURS_PER_DAY, KWH_PER_MWH
 
@@ -85,6 +86,11 @@ class CycleBudget(Checkpointed):
         Fees on each MWh charged and discharged (AC), which plans include.
     wear_eur_mwh : callable or None
         Wear cost of a MWh discharged (AC), as far as plans include it; arguments as of ``size``.
+
+    Raises
+    ------
+    InputError
+        A limit, or an energy, is no number above 0.
     """
 
     _carried = (
@@ -111,6 +117,21 @@ class CycleBudget(Checkpointed):
         wear_eur_mwh: Callable[[State, Array], float] | None = None,
         size: Callable[[State, Array], tuple[float, float]] | None = None,
     ):
+        for name, limit in (
+            ("cycles", cycles), ("throughput_kwh", throughput_kwh), ("daily_kwh", daily_kwh),
+        ):  # fmt: skip
+            if not number_array(f"budget: {name}", limit) > 0.0:
+                raise InputError(f"budget: {name} {limit:g} must be above 0")
+        nominal_kwh = finite_array("budget: nominal_kwh", nominal_kwh)
+        if nominal_kwh.ndim != 1 or nominal_kwh.size == 0 or nominal_kwh.min() <= 0.0:
+            raise InputError("budget: nominal_kwh must have one value above 0 for each string")
+        require_positive(
+            "budget",
+            usable_kwh=(usable_kwh, " kWh"),
+            power_kw=(power_kw, " kW"),
+            efficiency=(efficiency, ""),
+            dt_h=(dt_h, " h"),
+        )
         self._cycles_per_day, self._fees_eur_mwh = daily_kwh / usable_kwh, fees_eur_mwh
         self._wear_eur_mwh, self._size = wear_eur_mwh, size
         self._prices, self._year_steps = prices, np.diff(years)

@@ -130,7 +130,10 @@ def store_value(
         raise InputError(f"store_value: round_trip {round_trip} is outside (0, 1]")
     if not 0.0 <= initial_kwh <= energy_kwh:
         raise InputError(f"store_value: initial_kwh {initial_kwh:g} kWh is outside [0, {energy_kwh:g}] kWh")
-    charge_fee, discharge_fee = (one_number("store_value: fees_eur_mwh", fee) for fee in fees_eur_mwh)
+    fees = finite_array("store_value: fees_eur_mwh", fees_eur_mwh)
+    if fees.shape != (2,):
+        raise InputError(f"store_value: fees_eur_mwh has shape {fees.shape}; give two numbers")
+    charge_fee, discharge_fee = fees.tolist()
     if dt_h > 24.0:
         raise InputError(f"store_value: steps of {dt_h:g} h are longer than 24 h; give dt_h in hours")
     price, dt_h = price_steps(prices, dt_h)

@@ -57,11 +57,19 @@ class Installations(Checkpointed):
                         f"of the run, {grid}"
                     )
                 eur_kwh = price_eur_kwh[table.string] if table.eur_kwh is None else table.eur_kwh
-                cost_eur = float(eur_kwh * system.nominal_energy_kwh[table.string])
-                self._dated.setdefault(step, {})[table.string] = cost_eur
+                dated = self._dated.setdefault(step, {})
+                if table.string in dated:
+                    raise InputError(
+                        f"{name}[{number}].date = {table.date:%Y-%m-%d %H:%M} UTC: another battery of string "
+                        f"{table.string} has a date in the same control step; leave one out"
+                    )
+                dated[table.string] = float(eur_kwh * system.nominal_energy_kwh[table.string])
                 if name == "augmentation":
                     earlier = self._first_step[table.string]
                     self._first_step[table.string] = min(step, earlier or step)
+        for step, dated in self._dated.items():
+            if early := [string for string in dated if step < self._first_step[string]]:
+                raise InputError(f"replacement: string {early[0]} gets a new battery before it is added")
         self.any = bool(self._dated or (ages & (self._replaces | self._retires)).any())
         self._ended = np.zeros(system.n_strings, dtype=np.bool_)
 

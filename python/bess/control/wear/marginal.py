@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bess import _core
-from bess.arrays import Array
+from bess.arrays import Array, finite_array
 from bess.control.wear.prices import WearPrices
 from bess.errors import InputError
 from bess.system import State, System
+from bess.system.state import TEMPERATURE_RANGE_C
+
+_RANGES: Final = {
+    "depth": (0.0, 1.0),
+    "soc": (0.0, 1.0),
+    "c_rate": (0.0, 100.0),
+    "temperature_c": TEMPERATURE_RANGE_C,
+}
 
 
 @dataclass(frozen=True)
@@ -100,16 +109,22 @@ class MarginalWear:
 
     def calendar_eur_day(self, soc: ArrayLike, temperature_c: ArrayLike) -> Array:
         """Return the wear cost of a day at a SOC and temperature [EUR/day]."""
-        return self._eur(self.core.calendar_rate, self.calendar_loss, soc, temperature_c)
+        rate = self.core.calendar_rate
+        return self._eur(rate, self.calendar_loss, soc=soc, temperature_c=temperature_c)
 
     def _eur_per_cycle(
         self, depth: ArrayLike, temperature_c: ArrayLike, c_rate: ArrayLike, soc: ArrayLike
     ) -> Array:
-        return self._eur(self.core.cyclic_rate, self.cyclic_loss, depth, soc, c_rate, temperature_c)
+        points = {"depth": depth, "soc": soc, "c_rate": c_rate, "temperature_c": temperature_c}
+        return self._eur(self.core.cyclic_rate, self.cyclic_loss, **points)
 
-    def _eur(self, rate: Callable[..., Array], loss: Array, *values: ArrayLike) -> Array:
+    def _eur(self, rate: Callable[..., Array], loss: Array, **values: ArrayLike) -> Array:
         """Cost of a rate of capacity loss at given points."""
-        points = [np.asarray(v, dtype=np.float64) for v in values]
+        points = [finite_array(f"wear: {name}", each) for name, each in values.items()]
+        for name, point in zip(values, points, strict=True):
+            low, high = _RANGES[name]
+            if outside := point[(point < low) | (point > high)].tolist():
+                raise InputError(f"wear: {name} {outside[0]:g} is outside [{low:g}, {high:g}]")
         try:
             shape = np.broadcast(*points, np.empty((self.state.n_strings, 1))).shape
         except ValueError as error:
