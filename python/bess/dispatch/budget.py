@@ -74,8 +74,8 @@ class CycleBudget(Checkpointed):
     usable_kwh, power_kw, efficiency : float
         The plant as an ideal store: energy between the SOC limits, AC power, round-trip efficiency.
     size : callable or None
-        Present ``power_kw`` and ``usable_kwh`` at a state, with the power of each inverter in service; None
-        if they do not change.
+        Present ``power_kw`` and ``usable_kwh`` at a state, with the power of each inverter in service, as if
+        they lasted; None if they do not change.
     look_ahead_steps : int
         Length of the price forecast [steps].
     dt_h : float
