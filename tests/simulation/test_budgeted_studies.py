@@ -165,6 +165,27 @@ def test_trade_beside_a_reserve_leaves_it_the_cycles_that_it_needs() -> None:
     np.testing.assert_allclose(kept.dataset["demand_kw"].values, asked.values, atol=1e-9)
 
 
+def test_the_price_beside_a_reserve_is_that_of_the_strings_in_service() -> None:
+    """The second string is out: a plant of one string with the same reserve, or without the power for it."""
+    start = datetime(2024, 1, 1, tzinfo=UTC)
+    out = {"event": [{"string": 1, "start": start, "end": datetime(2024, 1, 2, tzinfo=UTC)}]}
+
+    def price(capacity_kw: float, cycles: float, **more: Any) -> float:
+        values = {"policy.name": "equal", "run.days": 1.0, "budget.cycles_per_year": cycles}
+        reserve = {
+            "demand.capacity_kw": capacity_kw,
+            "demand.recharge_kw": 10.0,
+            "demand.cycles_per_day": 8.0,
+        }
+        result = bess.run(bess.load_study("fcr-arbitrage", values | reserve | more), progress=False)
+        return float(result.dataset["budget_price_eur_mwh"].values[0])
+
+    alone = price(40.0, 400.0, **{"system.n_strings": 1})
+    assert price(40.0, 200.0, **out) == pytest.approx(alone, rel=1e-6)
+    assert 0.0 < alone < 0.95 * price(40.0, 200.0)
+    assert price(85.0, 200.0, **out) == 0.0
+
+
 def test_a_reserve_is_not_there_once_the_budget_is_used() -> None:
     values = {"policy.name": "equal", "run.days": 1.0, "budget.cycles_per_year": 0.2 * 366.0}
     result = bess.run(bess.load_study("fcr-arbitrage", values), progress=False)
