@@ -2,8 +2,6 @@
 
 /// Grid cells that contain the end states of a run of rows, and the position of each end state in its cell.
 pub(super) struct Cells<'a> {
-    /// Values from the lower corner of the first cell on.
-    pub after: &'a [f64],
     /// Distance to the values of the next temperature, and of the next depth.
     pub warmer: usize,
     pub deeper: usize,
@@ -15,13 +13,13 @@ pub(super) struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// Compares the values of all rows, with one value at each grid point, with the best so far.
+    /// Compares the values of all rows with the best so far. Values `after` begin at the lower corner of the first cell.
     #[inline(always)]
-    pub fn maximise<const DEPTHS: bool>(&self, income: &[f64], best: &mut [f64]) {
+    pub fn maximise<const DEPTHS: bool>(&self, after: &[f64], income: &[f64], best: &mut [f64]) {
         let n = best.len();
         let (energy, temperature, depth) = (&self.energy[..n], &self.temperature[..n], &self.depth[..n]);
         let income = &income[..n];
-        let from = |at: usize| &self.after[at..][..(n - 1) * self.stride + 2];
+        let from = |at: usize| &after[at..][..(n - 1) * self.stride + 2];
         let (cool, warm) = (from(0), from(self.warmer));
         let (cool_deep, warm_deep) =
             if DEPTHS { (from(self.deeper), from(self.deeper + self.warmer)) } else { (cool, warm) };
@@ -51,41 +49,6 @@ impl Cells<'_> {
                 value = lerp(depth[i], value, bilinear(e, t, cool, warm));
             }
             best[i] = best[i].max(value + income[i]);
-        }
-    }
-
-    /// Like [`Self::maximise`], with values `(L, S)` at each grid point.
-    #[inline(always)]
-    pub fn maximise_columns<'i>(
-        &self,
-        income: impl Fn(usize) -> &'i [f64],
-        cycled_kwh: &[f64],
-        shadow_eur: &[f64],
-        best: &mut [f64],
-    ) {
-        let (shadows, columns) = (shadow_eur.len(), best.len() / cycled_kwh.len());
-        for level in 0..columns / shadows {
-            let income = income(level);
-            for (i, best) in best.chunks_exact_mut(columns).enumerate() {
-                let best = &mut best[level * shadows..][..shadows];
-                let (e, t, d) = (self.energy[i], self.temperature[i], self.depth[i]);
-                let at = i * self.stride * columns + level * shadows;
-                let from = |at: usize| &self.after[at..][..shadows];
-                let corners = |at: usize| {
-                    let (cool, warm) = (from(at), from(at + self.warmer));
-                    (cool, from(at + columns), warm, from(at + self.warmer + columns))
-                };
-                let (cool, cool_up, warm, warm_up) = corners(at);
-                let (cool_deep, cool_deep_up, warm_deep, warm_deep_up) = corners(at + self.deeper);
-                for (s, shadow) in shadow_eur.iter().enumerate() {
-                    let mut value = bilinear(e, t, (cool[s], cool_up[s]), (warm[s], warm_up[s]));
-                    if self.deeper > 0 {
-                        let (cool, warm) = ((cool_deep[s], cool_deep_up[s]), (warm_deep[s], warm_deep_up[s]));
-                        value = lerp(d, value, bilinear(e, t, cool, warm));
-                    }
-                    best[s] = best[s].max(value + (income[i] - cycled_kwh[i] * shadow));
-                }
-            }
         }
     }
 }

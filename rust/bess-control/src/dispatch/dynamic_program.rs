@@ -10,7 +10,7 @@ use bess_tables::widest;
 
 use super::bellman::Cells;
 use super::transitions::{weights, StoreState, Transitions};
-use super::{DispatchBlock, DispatchProblem, Store};
+use super::{DispatchProblem, Store};
 
 /// Cycled energy of an idle plant due to rounding [kWh].
 const ROUNDING_KWH: f64 = 1e-6;
@@ -19,7 +19,7 @@ const ROUNDING_K: f64 = 1e-9;
 
 /// One backward and one forward pass at given shadow prices.
 ///
-/// Values have the order (depth, temperature, energy, level, shadow price).
+/// Values have the order (level, shadow price, depth, temperature, energy).
 pub(super) struct DynamicProgram<'a> {
     store: &'a Store,
     problem: &'a DispatchProblem,
@@ -67,36 +67,26 @@ impl<'a> DynamicProgram<'a> {
         &self.problem.income_eur[b * (self.levels + 1) + level]
     }
 
-    /// Values of the states before each block and at the end `(B + 1, states, L, S)`.
+    /// Values of the states before the first block and after each block `(B + 1, L, S, states)`.
     fn value_function(&self) -> Vec<f64> {
         let (grid, n_blocks) = (&self.store.grid, self.problem.blocks.len());
-        let columns = self.levels * self.shadow_eur.len();
-        let size = grid.n_states() * columns;
+        let size = self.levels * self.shadow_eur.len() * grid.n_states();
         let mut values = vec![0.0; (n_blocks + 1) * size];
-        for (state, value) in values[n_blocks * size..].chunks_exact_mut(columns).enumerate() {
-            let energy_kwh = grid.energy_kwh[state % grid.energy_kwh.len()];
-            value.fill(self.problem.end_eur_kwh * energy_kwh);
+        for (value, energy_kwh) in values[n_blocks * size..].iter_mut().zip(grid.energy_kwh.iter().cycle()) {
+            *value = self.problem.end_eur_kwh * energy_kwh;
         }
-        let (mut after, mut moved) = (vec![0.0; size], vec![0.0; size]);
-        let mut income = Vec::new();
+        let (mut income, mut moved) = (Vec::new(), vec![0.0; size]);
         for b in (0..n_blocks).rev() {
             let (before, later) = values[b * size..].split_at_mut(size);
-            let mut end = &later[..size];
-            if !self.next_is_certain(b) {
-                let row = grid.energy_kwh.len() * columns;
-                let rows = after.chunks_exact_mut(row).zip(later.chunks_exact(row));
-                for (_, (out, later)) in self.reachable(b + 1, rows) {
-                    for (out, later) in out.chunks_exact_mut(columns).zip(later.chunks_exact(columns)) {
-                        self.expected_after(b, later, out);
-                    }
-                }
-                end = &after;
-            }
+            let mut after = &later[..size];
             if self.ambient_shift_k(b) != 0.0 {
-                self.at_ambient(b, end, &mut moved);
-                end = &moved;
+                self.at_ambient(b, after, &mut moved);
+                after = &moved;
             }
-            bellman_step(self, b, end, &mut income, before);
+            bellman_step(self, b, after, &mut income, before);
+            if b > 0 {
+                self.expect(b, before);
+            }
         }
         values
     }
@@ -110,38 +100,35 @@ impl<'a> DynamicProgram<'a> {
         self.problem.blocks[b].steps != self.problem.blocks[b + 1].steps || here(b) != here(b + 1)
     }
 
-    /// Whether values after a block are those before the next one.
-    fn next_is_certain(&self, b: usize) -> bool {
-        let known = |next: &DispatchBlock| !next.is_new || self.levels == 1;
-        let next = self.problem.blocks.get(b + 1);
-        next.is_none_or(|next| known(next) && next.period == self.problem.blocks[b].period)
-    }
-
-    /// Values of a state after a block by its level `(L, S)`: the expectation over the next level. Before another period,
-    /// at the shadow price with the minimum dual value, an upper bound.
-    fn expected_after(&self, b: usize, later: &[f64], out: &mut [f64]) {
-        let shadows = self.shadow_eur.len();
-        out.copy_from_slice(later);
-        if self.next_is_certain(b) {
-            return;
-        }
-        let next = &self.problem.blocks[b + 1];
-        if next.period != self.problem.blocks[b].period {
+    /// Turns values before a block into those after the block before it: the expectation over the level. Before another
+    /// period, at the shadow price with the minimum dual value, an upper bound.
+    fn expect(&self, b: usize, values: &mut [f64]) {
+        let (problem, states) = (self.problem, self.store.grid.n_states());
+        let of_level = self.shadow_eur.len() * states;
+        let (last, next) = (&problem.blocks[b - 1], &problem.blocks[b]);
+        if next.period != last.period {
             let allowed_kwh = self.allowed_kwh[next.period];
-            for row in out.chunks_exact_mut(shadows) {
-                let bounds = row.iter().zip(self.shadow_eur);
-                let least = bounds.map(|(value, shadow)| value + budget_value(*shadow, allowed_kwh));
-                let least = least.fold(f64::INFINITY, f64::min);
-                row.fill(least);
+            for values in values.chunks_exact_mut(of_level) {
+                for state in 0..states {
+                    let bounds = values[state..].iter().step_by(states).zip(self.shadow_eur);
+                    let least = bounds.map(|(value, shadow)| value + budget_value(*shadow, allowed_kwh));
+                    let least = least.fold(f64::INFINITY, f64::min);
+                    values[state..].iter_mut().step_by(states).for_each(|value| *value = least);
+                }
             }
         }
-        if next.is_new {
-            let known = out.to_vec();
-            for (out, chance) in
-                out.chunks_exact_mut(shadows).zip(self.problem.chance.chunks_exact(self.levels))
-            {
-                for (s, out) in out.iter_mut().enumerate() {
-                    *out = expectation(chance, &known, s, shadows);
+        if next.is_new && self.levels > 1 {
+            let known = values.to_vec();
+            let energies = self.store.grid.energy_kwh.len();
+            let chances = problem.chance.chunks_exact(self.levels);
+            for (values, chances) in values.chunks_exact_mut(of_level).zip(chances) {
+                for (_, (row, out)) in self.reachable(b, values.chunks_exact_mut(energies).enumerate()) {
+                    out.fill(0.0);
+                    for (known, chance) in known.chunks_exact(of_level).zip(chances) {
+                        for (out, known) in out.iter_mut().zip(&known[row * energies..]) {
+                            *out += chance * known;
+                        }
+                    }
                 }
             }
         }
@@ -151,7 +138,7 @@ impl<'a> DynamicProgram<'a> {
     fn at_ambient(&self, b: usize, after: &[f64], moved: &mut [f64]) {
         let grid = &self.store.grid;
         let ambient_shift_k = self.ambient_shift_k(b);
-        let row = grid.energy_kwh.len() * self.levels * self.shadow_eur.len();
+        let row = grid.energy_kwh.len();
         let depths = row * grid.temperature_c.len();
         for t in self.reachable_rows[b + 1].clone() {
             let (low, share) = grid.temperature_c.locate(grid.temperature_c[t] + ambient_shift_k);
@@ -168,24 +155,26 @@ impl<'a> DynamicProgram<'a> {
         self.store.ambient_shift_k(&self.problem.blocks[b])
     }
 
-    /// Those of the items of each depth and temperature `(D, K)` at which the temperature is reachable before block `b`.
+    /// Those of the items of each temperature `(.., K)` at which the temperature is reachable before block `b`.
     fn reachable<T>(&self, b: usize, items: impl Iterator<Item = T>) -> impl Iterator<Item = (usize, T)> {
         let (rows, temperatures) = (self.reachable_rows[b].clone(), self.store.grid.temperature_c.len());
         items.enumerate().filter(move |(i, _)| rows.contains(&(i % temperatures)))
     }
 
-    /// Income of each transition from each depth at each level `(D, L, rows)`, without the shadow price.
+    /// Income of each transition from each depth at each level, less the shadow price `(D, L, S, rows)`.
     #[inline(always)]
     fn transition_income(&self, b: usize, income: &mut Vec<f64>) {
         let wear_eur = &self.wear_eur[&self.problem.blocks[b].steps];
         let (transitions, energies) = (self.transitions(b), self.store.grid.energy_kwh.len());
-        let n = transitions.flows.len();
-        income.resize(self.store.grid.depth.len() * self.levels * n, 0.0);
+        let (n, shadows) = (transitions.flows.len(), self.shadow_eur.len());
+        let columns = self.levels * shadows;
+        income.resize(self.store.grid.depth.len() * columns * n, 0.0);
         // The income of a block is kept for blocks before it, which reach no other temperature.
         let Range { start, end } = self.reachable_rows[b];
         let powers = self.store.grid.power_kw.len();
         for (rows, income) in income.chunks_exact_mut(n).enumerate() {
-            let eur = self.income(b, rows % self.levels);
+            let (eur, shadow) =
+                (self.income(b, rows / shadows % self.levels), self.shadow_eur[rows % shadows]);
             for power in start * powers..end * powers {
                 let has_some = &transitions.has_some[power];
                 let from = power * energies;
@@ -201,9 +190,15 @@ impl<'a> DynamicProgram<'a> {
                     }
                 }
                 if !wear_eur.is_empty() {
-                    let wear_eur = &wear_eur[rows / self.levels * n + from..][..energies];
+                    let wear_eur = &wear_eur[rows / columns * n + from..][..energies];
                     for i in 0..energies {
                         income[i] -= wear_eur[i];
+                    }
+                }
+                if shadow != 0.0 {
+                    let cycled_kwh = &transitions.cycled_kwh[from..][..energies];
+                    for i in 0..energies {
+                        income[i] -= cycled_kwh[i] * shadow;
                     }
                 }
             }
@@ -213,16 +208,14 @@ impl<'a> DynamicProgram<'a> {
     /// Chooses the powers in order. The price level of a block is unknown when its power is chosen, but known afterwards.
     fn forward_pass(&self, values: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let (problem, shadows) = (self.problem, self.shadow_eur.len());
-        let columns = self.levels * shadows;
-        let size = values.len() / (problem.blocks.len() + 1);
+        let (states, size) = (self.store.grid.n_states(), values.len() / (problem.blocks.len() + 1));
         let mut now = problem.start;
         let mut cycled_kwh = vec![0.0; problem.allowed_kwh.len()];
         let mut power_kw = Vec::with_capacity(problem.blocks.len());
-        let mut after = vec![0.0; columns];
         for (b, block) in problem.blocks.iter().enumerate() {
             let left_kwh = (self.allowed_kwh[block.period] - cycled_kwh[block.period]).max(0.0);
             let share = &problem.share[b * self.levels..][..self.levels];
-            let later = &values[(b + 1) * size..][..size];
+            let after = &values[(b + 1) * size..][..size];
             let mut best: Option<(f64, f64, f64, StoreState)> = None;
             for p in 0..self.store.grid.power_kw.len() {
                 let flows = self.transitions(b).between(&self.store.grid, &now, p);
@@ -235,16 +228,16 @@ impl<'a> DynamicProgram<'a> {
                 end.temperature_c += self.ambient_shift_k(b);
                 // The minimum dual value after this power. With one shadow price for all powers, powers with and without a cycle
                 // can be equal, and the choice arbitrary.
-                let mut dual = |s: usize| {
+                let dual = |s: usize| {
                     let value = self.interpolate(&end, |state| {
-                        self.expected_after(b, &later[state * columns..][..columns], &mut after);
-                        expectation(share, &after, s, shadows)
+                        let levels = after[s * states + state..].iter().step_by(shadows * states);
+                        share.iter().zip(levels).map(|(share, value)| share * value).sum()
                     });
                     value + budget_value(self.shadow_eur[s], left_kwh - settled.cycled_kwh)
                 };
                 let value = income_of(&settled.amounts, self.income(b, self.levels))
                     - problem.wear_eur(now.depth, settled.drawn)
-                    + (0..shadows).map(&mut dual).fold(f64::INFINITY, f64::min);
+                    + (0..shadows).map(dual).fold(f64::INFINITY, f64::min);
                 if best.as_ref().is_none_or(|best| value > best.0) {
                     best = Some((value, flows.request_kw, settled.cycled_kwh, end));
                 }
@@ -258,7 +251,7 @@ impl<'a> DynamicProgram<'a> {
     }
 
     /// Interpolates a value of the grid points at a state.
-    fn interpolate(&self, state: &StoreState, mut of: impl FnMut(usize) -> f64) -> f64 {
+    fn interpolate(&self, state: &StoreState, of: impl Fn(usize) -> f64) -> f64 {
         let grid = &self.store.grid;
         let (energies, temperatures) = (grid.energy_kwh.len(), grid.temperature_c.len());
         let (e, energy) = grid.energy_kwh.locate(state.energy_kwh);
@@ -281,37 +274,33 @@ widest! {
     /// Values of the grid before a block: those of the best transition. Reuses the `income` of the next block if it is equal.
     fn bellman_step(program: &DynamicProgram<'_>, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
         let (grid, transitions) = (&program.store.grid, program.transitions(b));
-        let energies = grid.energy_kwh.len();
-        let (all_rows, columns) = (transitions.flows.len(), program.levels * program.shadow_eur.len());
-        // With one depth only, the depth does not change.
-        let deeper = if grid.depth.len() > 1 { grid.temperature_c.len() * energies * columns } else { 0 };
+        let (energies, temperatures, states) = (grid.energy_kwh.len(), grid.temperature_c.len(), grid.n_states());
+        let (all_rows, columns) = (transitions.flows.len(), before.len() / states);
         if program.differs_from_next(b) {
             program.transition_income(b, income);
         }
-        let of_states = before.chunks_exact_mut(energies * columns).zip(&transitions.runs);
-        for (i, (best, runs)) in program.reachable(b, of_states) {
-            best.fill(f64::NEG_INFINITY);
-            let depth = i / grid.temperature_c.len();
-            let income = &income[depth * program.levels * all_rows..][..program.levels * all_rows];
+        before.fill(f64::NEG_INFINITY);
+        for (i, runs) in program.reachable(b, transitions.runs.iter()) {
+            let depth = i / temperatures;
             for run in runs {
                 let rows = run.row..run.row + run.rows;
-                let best = &mut best[run.row % energies * columns..][..run.rows * columns];
                 let cells = Cells {
-                    after: &moved[run.place * columns..],
-                    warmer: energies * columns,
-                    deeper,
+                    warmer: energies,
+                    deeper: temperatures * energies,
                     stride: run.stride,
                     energy: &transitions.energy[rows.clone()],
                     temperature: &transitions.temperature[rows.clone()],
                     depth: &transitions.depth[depth * all_rows..][rows.clone()],
                 };
-                match (columns, deeper) {
-                    (1, 0) => cells.maximise::<false>(&income[rows], best),
-                    (1, _) => cells.maximise::<true>(&income[rows], best),
-                    _ => {
-                        let income = |level: usize| &income[level * all_rows..][rows.clone()];
-                        let cycled_kwh = &transitions.cycled_kwh[rows.clone()];
-                        cells.maximise_columns(income, cycled_kwh, program.shadow_eur, best);
+                for column in 0..columns {
+                    let after = &moved[column * states + run.place..];
+                    let income = &income[(depth * columns + column) * all_rows..][rows.clone()];
+                    let best = &mut before[column * states + i * energies + run.row % energies..][..run.rows];
+                    // With one depth only, the depth does not change.
+                    if grid.depth.len() > 1 {
+                        cells.maximise::<true>(after, income, best);
+                    } else {
+                        cells.maximise::<false>(after, income, best);
                     }
                 }
             }
@@ -357,9 +346,4 @@ fn budget_value(shadow_eur: f64, left_kwh: f64) -> f64 {
 #[inline]
 fn income_of(amounts: &[f64; 4], eur: &[f64; 4]) -> f64 {
     amounts[0] * eur[0] + amounts[1] * eur[1] + amounts[2] * eur[2] + amounts[3] * eur[3]
-}
-
-/// Expectation over the levels of values `(L, S)` at shadow price `s`.
-fn expectation(share: &[f64], values: &[f64], s: usize, shadows: usize) -> f64 {
-    share.iter().zip(values.iter().skip(s).step_by(shadows)).map(|(p, value)| p * value).sum()
 }
