@@ -2,6 +2,8 @@
 
 /// Grid cells that contain the end states of a run of rows, and the position of each end state in its cell.
 pub(super) struct Cells<'a> {
+    /// Values from the lower corner of the first cell on.
+    pub after: &'a [f64],
     /// Distance to the values of the next temperature, and of the next depth.
     pub warmer: usize,
     pub deeper: usize,
@@ -13,13 +15,13 @@ pub(super) struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// Compares the values of all rows with the best so far. Values `after` begin at the lower corner of the first cell.
+    /// Compares the values of all rows with the best so far.
     #[inline(always)]
-    pub fn maximise<const DEPTHS: bool>(&self, after: &[f64], income: &[f64], best: &mut [f64]) {
+    pub fn maximise<const DEPTHS: bool>(&self, income: &[f64], best: &mut [f64]) {
         let n = best.len();
         let (energy, temperature, depth) = (&self.energy[..n], &self.temperature[..n], &self.depth[..n]);
         let income = &income[..n];
-        let from = |at: usize| &after[at..][..(n - 1) * self.stride + 2];
+        let from = |at: usize| &self.after[at..][..(n - 1) * self.stride + 2];
         let (cool, warm) = (from(0), from(self.warmer));
         let (cool_deep, warm_deep) =
             if DEPTHS { (from(self.deeper), from(self.deeper + self.warmer)) } else { (cool, warm) };

@@ -279,28 +279,30 @@ widest! {
         if program.differs_from_next(b) {
             program.transition_income(b, income);
         }
-        before.fill(f64::NEG_INFINITY);
         for (i, runs) in program.reachable(b, transitions.runs.iter()) {
             let depth = i / temperatures;
-            for run in runs {
-                let rows = run.row..run.row + run.rows;
-                let cells = Cells {
-                    warmer: energies,
-                    deeper: temperatures * energies,
-                    stride: run.stride,
-                    energy: &transitions.energy[rows.clone()],
-                    temperature: &transitions.temperature[rows.clone()],
-                    depth: &transitions.depth[depth * all_rows..][rows.clone()],
-                };
-                for column in 0..columns {
-                    let after = &moved[column * states + run.place..];
-                    let income = &income[(depth * columns + column) * all_rows..][rows.clone()];
-                    let best = &mut before[column * states + i * energies + run.row % energies..][..run.rows];
+            for column in 0..columns {
+                let after = &moved[column * states..][..states];
+                let income = &income[(depth * columns + column) * all_rows..][..all_rows];
+                let best = &mut before[column * states + i * energies..][..energies];
+                best.fill(f64::NEG_INFINITY);
+                for run in runs {
+                    let rows = run.row..run.row + run.rows;
+                    let best = &mut best[run.row % energies..][..run.rows];
+                    let cells = Cells {
+                        after: &after[run.place..],
+                        warmer: energies,
+                        deeper: temperatures * energies,
+                        stride: run.stride,
+                        energy: &transitions.energy[rows.clone()],
+                        temperature: &transitions.temperature[rows.clone()],
+                        depth: &transitions.depth[depth * all_rows..][rows.clone()],
+                    };
                     // With one depth only, the depth does not change.
                     if grid.depth.len() > 1 {
-                        cells.maximise::<true>(after, income, best);
+                        cells.maximise::<true>(&income[rows], best);
                     } else {
-                        cells.maximise::<false>(after, income, best);
+                        cells.maximise::<false>(&income[rows], best);
                     }
                 }
             }
