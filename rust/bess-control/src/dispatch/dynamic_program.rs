@@ -161,20 +161,18 @@ impl<'a> DynamicProgram<'a> {
         items.enumerate().filter(move |(i, _)| rows.contains(&(i % temperatures)))
     }
 
-    /// Income of each transition from each depth at each level, less the shadow price `(D, L, S, rows)`.
+    /// Income of each transition from each depth at each level `(D, L, rows)`, without the shadow price.
     #[inline(always)]
     fn transition_income(&self, b: usize, income: &mut Vec<f64>) {
         let wear_eur = &self.wear_eur[&self.problem.blocks[b].steps];
         let (transitions, energies) = (self.transitions(b), self.store.grid.energy_kwh.len());
-        let (n, shadows) = (transitions.flows.len(), self.shadow_eur.len());
-        let columns = self.levels * shadows;
-        income.resize(self.store.grid.depth.len() * columns * n, 0.0);
+        let n = transitions.flows.len();
+        income.resize(self.store.grid.depth.len() * self.levels * n, 0.0);
         // The income of a block is kept for blocks before it, which reach no other temperature.
         let Range { start, end } = self.reachable_rows[b];
         let powers = self.store.grid.power_kw.len();
         for (rows, income) in income.chunks_exact_mut(n).enumerate() {
-            let (eur, shadow) =
-                (self.income(b, rows / shadows % self.levels), self.shadow_eur[rows % shadows]);
+            let eur = self.income(b, rows % self.levels);
             for power in start * powers..end * powers {
                 let has_some = &transitions.has_some[power];
                 let from = power * energies;
@@ -190,15 +188,9 @@ impl<'a> DynamicProgram<'a> {
                     }
                 }
                 if !wear_eur.is_empty() {
-                    let wear_eur = &wear_eur[rows / columns * n + from..][..energies];
+                    let wear_eur = &wear_eur[rows / self.levels * n + from..][..energies];
                     for i in 0..energies {
                         income[i] -= wear_eur[i];
-                    }
-                }
-                if shadow != 0.0 {
-                    let cycled_kwh = &transitions.cycled_kwh[from..][..energies];
-                    for i in 0..energies {
-                        income[i] -= cycled_kwh[i] * shadow;
                     }
                 }
             }
@@ -275,19 +267,30 @@ widest! {
     fn bellman_step(program: &DynamicProgram<'_>, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
         let (grid, transitions) = (&program.store.grid, program.transitions(b));
         let (energies, temperatures, states) = (grid.energy_kwh.len(), grid.temperature_c.len(), grid.n_states());
-        let (all_rows, columns) = (transitions.flows.len(), before.len() / states);
+        let (all_rows, shadows) = (transitions.flows.len(), program.shadow_eur.len());
+        let of_temperature = all_rows / temperatures;
+        let mut priced = vec![0.0; of_temperature];
         if program.differs_from_next(b) {
             program.transition_income(b, income);
         }
         for (i, runs) in program.reachable(b, transitions.runs.iter()) {
-            let depth = i / temperatures;
-            for column in 0..columns {
+            let (depth, first) = (i / temperatures, i % temperatures * of_temperature);
+            for column in 0..program.levels * shadows {
+                let (level, shadow_eur) = (column / shadows, program.shadow_eur[column % shadows]);
+                let mut income = &income[(depth * program.levels + level) * all_rows + first..][..of_temperature];
+                if shadow_eur != 0.0 {
+                    let cycled_kwh = &transitions.cycled_kwh[first..][..of_temperature];
+                    for row in 0..of_temperature {
+                        priced[row] = income[row] - cycled_kwh[row] * shadow_eur;
+                    }
+                    income = &priced;
+                }
                 let after = &moved[column * states..][..states];
-                let income = &income[(depth * columns + column) * all_rows..][..all_rows];
                 let best = &mut before[column * states + i * energies..][..energies];
                 best.fill(f64::NEG_INFINITY);
                 for run in runs {
                     let rows = run.row..run.row + run.rows;
+                    let income = &income[run.row - first..];
                     let best = &mut best[run.row % energies..][..run.rows];
                     let cells = Cells {
                         after: &after[run.place..],
@@ -296,13 +299,13 @@ widest! {
                         stride: run.stride,
                         energy: &transitions.energy[rows.clone()],
                         temperature: &transitions.temperature[rows.clone()],
-                        depth: &transitions.depth[depth * all_rows..][rows.clone()],
+                        depth: &transitions.depth[depth * all_rows..][rows],
                     };
                     // With one depth only, the depth does not change.
                     if grid.depth.len() > 1 {
-                        cells.maximise::<true>(&income[rows], best);
+                        cells.maximise::<true>(income, best);
                     } else {
-                        cells.maximise::<false>(&income[rows], best);
+                        cells.maximise::<false>(income, best);
                     }
                 }
             }
