@@ -3,7 +3,7 @@
 use bess_tables::{Axis, Lut};
 
 use super::*;
-use crate::dispatch::StoreGrid;
+use crate::dispatch::{DispatchBlock, StoreGrid};
 use crate::model::ControlModel;
 use crate::tests::common;
 
@@ -112,7 +112,7 @@ fn enumerated(program: &DynamicProgram<'_>, b: usize, [d, t, e]: [usize; 3], l: 
 #[test]
 fn values_equal_those_of_enumerated_schedules() {
     for (depths, levels, ladder) in
-        [(vec![0.0], 1, 1), (vec![0.0, 0.5, 1.0], 1, 1), (vec![0.0, 1.0], 2, 1), (vec![0.0], 1, 2)]
+        [(vec![0.0], 1, 1), (vec![0.0, 0.5, 1.0], 1, 1), (vec![0.0, 1.0], 2, 1), (vec![0.0], 2, 2)]
     {
         let (mut store, problem) = (store(&depths), problem(levels));
         store.dispatch(&problem).unwrap();
