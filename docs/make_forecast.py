@@ -1,4 +1,4 @@
-"""Measure the table of ``howto/forecast.md``: ``python docs/make_forecast.py`` (10 CPU min).
+"""Measure the table of ``howto/forecast.md``: ``python docs/make_forecast.py`` (1.5 CPU min).
 
 Prices are read from ``../shared/data/prices``.
 """
