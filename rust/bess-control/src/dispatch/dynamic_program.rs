@@ -266,9 +266,10 @@ widest! {
     /// Values of the grid before a block: those of the best transition. Reuses the `income` of the next block if it is equal.
     fn bellman_step(program: &DynamicProgram<'_>, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
         let (grid, transitions) = (&program.store.grid, program.transitions(b));
-        let (energies, temperatures, states) = (grid.energy_kwh.len(), grid.temperature_c.len(), grid.n_states());
-        let (all_rows, shadows) = (transitions.flows.len(), program.shadow_eur.len());
+        let (energies, temperatures) = (grid.energy_kwh.len(), grid.temperature_c.len());
+        let (states, all_rows, shadows) = (grid.n_states(), transitions.flows.len(), program.shadow_eur.len());
         let of_temperature = all_rows / temperatures;
+        // Income of one temperature and level less the shadow price, in a buffer that stays in the cache.
         let mut priced = vec![0.0; of_temperature];
         if program.differs_from_next(b) {
             program.transition_income(b, income);
@@ -277,7 +278,8 @@ widest! {
             let (depth, first) = (i / temperatures, i % temperatures * of_temperature);
             for column in 0..program.levels * shadows {
                 let (level, shadow_eur) = (column / shadows, program.shadow_eur[column % shadows]);
-                let mut income = &income[(depth * program.levels + level) * all_rows + first..][..of_temperature];
+                let from = (depth * program.levels + level) * all_rows + first;
+                let mut income = &income[from..][..of_temperature];
                 if shadow_eur != 0.0 {
                     let cycled_kwh = &transitions.cycled_kwh[first..][..of_temperature];
                     for row in 0..of_temperature {
