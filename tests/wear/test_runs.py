@@ -108,6 +108,13 @@ def test_the_end_of_life_is_an_event_of_its_string_and_the_run_goes_on() -> None
     assert result.dataset.sizes["time"] == 96 * DAYS
 
 
+@pytest.mark.parametrize("soh", [0.01, 0.03])
+def test_the_smallest_capacity_is_not_raised_by_ageing(soh: float) -> None:
+    result = run(AGED, **{"system.initial_soh_capacity": soh})
+    assert 0.01 <= result.dataset["soh_capacity"].values.max() <= soh
+    assert result.kpis["wear_eur"] >= 0.0
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [

@@ -2,8 +2,10 @@
 
 use bess_tables::InputError;
 
-/// Temperatures that a plant accepts [degC].
+/// Temperatures that a plant accepts [degC], and factors on capacity and on resistance.
 pub(crate) const TEMPERATURE_C: (f64, f64) = (-60.0, 150.0);
+pub(crate) const SOH_CAPACITY: (f64, f64) = (0.01, 1.5);
+pub(crate) const SOH_RESISTANCE: (f64, f64) = (0.1, 100.0);
 
 pub(crate) fn check_all<T>(name: &str, values: &[T], expected: usize) -> Result<(), InputError> {
     if values.len() == expected {

@@ -7,12 +7,10 @@ use super::law::{CalendarConditions, Cycle, Knee, Model};
 use super::models::model;
 use super::rainflow::{CountedCycle, Point};
 use super::state::{AgeingState, BlockSums, Damage, Loss, PointData};
+use crate::check::SOH_CAPACITY;
 
 /// Minimum time between two updates of capacity and resistance, which are at the end of a control step [s].
 const BLOCK_S: f64 = 900.0;
-
-/// Minimum capacity, as a share of the nameplate.
-const MIN_CAPACITY: f64 = 0.05;
 
 /// SOC throughput below which a half cycle causes no ageing: its mean temperature is a difference of lifetime sums, with
 /// cancellation.
@@ -138,7 +136,7 @@ impl StringAgeing {
         state.loss = Loss {
             calendar,
             cyclic: cycled,
-            soh_capacity: left.max(MIN_CAPACITY * state.base_capacity),
+            soh_capacity: left.max(SOH_CAPACITY.0),
             soh_resistance: state.base_resistance + resistance_gain(model, &state.calendar, &cyclic),
         };
     }

@@ -4,12 +4,8 @@ use bess_tables::{InputError, System};
 
 use super::{Plant, ROUNDING};
 use crate::ageing::{AgeingState, StringAgeing};
-use crate::check::{check_all, check_range, TEMPERATURE_C};
+use crate::check::{check_all, check_range, SOH_CAPACITY, SOH_RESISTANCE, TEMPERATURE_C};
 use crate::cooling::CoolingState;
-
-/// Factors on capacity and on resistance that a plant accepts.
-const SOH_CAPACITY: (f64, f64) = (0.01, 1.5);
-const SOH_RESISTANCE: (f64, f64) = (0.1, 100.0);
 
 /// Complete state of a plant: a plant restored from it continues bit by bit.
 ///
