@@ -33,11 +33,13 @@ def test_ports_that_are_not_named_are_those_of_the_protocol() -> None:
         "openems=http://127.0.0.1:port",
         "openems=http://127.0.0.1/rest",
         "openems=http://[::1",
+        "openems=http://a..b",
         "openems=http://127.0.0.1?ess=",
         "openems=http://127.0.0.1?ess=ess0,ess0",
         "openems=http://127.0.0.1?unit=1",
         "sunspec=http://127.0.0.1",
         "sunspec=127.0.0.1?ess=1",
+        "sunspec=a..b",
     ],
 )
 def test_a_typo_is_one_sentence_that_shows_how_to_write_it(text: str) -> None:

@@ -328,6 +328,7 @@ def test_strings_may_be_behind_addresses_of_their_own(connecting: Connecting, wa
         "unit=1,2,3@host:0",
         "unit=1,2,3@host:x",
         "unit=1,2,3@host/path",
+        "unit=1,2,3@a..b",
         "unit=1,2,2@127.0.0.1:9",
     ],
 )

@@ -229,6 +229,17 @@ def test_a_plant_is_driven_with_a_token_only(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("host", ["a..b", "plant.invalid"])
+def test_a_host_that_is_no_name_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, host: str
+) -> None:
+    monkeypatch.setattr("bess.edge.serve.run._log_to_standard_error", lambda: None)
+    token_file = tmp_path / "token"
+    token_file.write_text(TOKEN)
+    line = refused("serve", "case1", "--host", host, "--token-file", str(token_file), folder=tmp_path)
+    assert line.startswith(f"bess: --host {host}: is not an address of this machine (")
+
+
 def test_a_token_is_a_line_that_is_long_enough(tmp_path: Path) -> None:
     path = tmp_path / "token"
     for content in (b"", b"short\n", b"two words of some length\n", b"\xff" * 20):

@@ -57,6 +57,7 @@ def parse_address(text: str) -> Address:
     try:
         parts = urlsplit(rest if "://" in rest else f"{schemes[0]}://{rest}")
         port = parts.port
+        (parts.hostname or "").encode("idna")  # as the name server will be asked
     except ValueError as error:
         why = "host and port, or user and password, cannot be read" if "@" in rest else str(error)
         raise refuse(f"{why}{as_in}") from None

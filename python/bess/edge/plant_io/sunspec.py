@@ -126,4 +126,5 @@ def _place(name: str, address: Address) -> tuple[str, int, int]:
     parts = urlsplit(f"//{elsewhere}")
     if not parts.hostname or parts.port == 0 or parts.path or parts.username is not None:
         raise ValueError(name)
+    parts.hostname.encode("idna")  # as the name server will be asked
     return parts.hostname, parts.port or PORTS["sunspec"], int(unit)

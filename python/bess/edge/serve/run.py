@@ -160,7 +160,7 @@ def _listener(host: str, port: int) -> socket.socket:
     """A listening socket, opened before anything else starts."""
     try:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise InputError(f"--host {host}: is not an address of this machine ({error})") from error
     both = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
     try:
