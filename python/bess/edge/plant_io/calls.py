@@ -8,7 +8,6 @@ be cancelled; they run in a separate thread.
 from __future__ import annotations
 
 import asyncio
-import math
 import threading
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Hashable, Sequence
@@ -102,48 +101,45 @@ class Rounds(Generic[K, T]):
 
         ``turn`` limits concurrent calls, ``first`` selects keys that precede all others.
         """
+        if not keys:
+            return {}, {}
         self._round += 1
         began_s: dict[K, float] = {}
+        done: dict[K, T] = {}
+        errors: dict[K, Exception] = {}
 
-        async def one(key: K) -> T:
+        async def one(key: K) -> None:
             async with turn(key):
                 began_s[key] = time.monotonic()
-                return await call(key)
+                try:
+                    done[key] = await call(key)
+                except Exception as error:
+                    errors[key] = error
 
         order = sorted(keys, key=lambda key: (not first(key), self._turns.get(key, 0)))
-        tasks = {key: asyncio.ensure_future(one(key)) for key in order}
-        if not tasks:
-            return {}, {}
+        tasks = [asyncio.ensure_future(one(key)) for key in order]
         try:
-            _, late = await asyncio.wait(tasks.values(), timeout=DEADLINE_S)
+            _, late = await asyncio.wait(tasks, timeout=DEADLINE_S)
             ended_s = time.monotonic()
             for task in late:
                 task.cancel()
-            await asyncio.wait(tasks.values())
-        except asyncio.CancelledError:
-            # A round that is given up must not write set-points later.
-            for task in tasks.values():
-                if task.done() and not task.cancelled():
-                    task.exception()  # retrieved, so that the event loop does not report it
+            await asyncio.gather(*late, return_exceptions=True)
+        finally:
+            for task in tasks:  # a round that is given up must not write set-points later
                 task.cancel()
-            raise
-        done: dict[K, T] = {}
-        failed: dict[K, Exception] = {}
-        unexpected: list[BaseException] = []
-        for key, task in tasks.items():
-            stalled = task.cancelled() and ended_s - began_s.get(key, math.inf) > DEADLINE_S / 2.0
-            if stalled or not task.cancelled():
+
+        def lateness(key: K) -> Exception:
+            if key not in began_s:
+                return NotReached()
+            return Stalled() if ended_s - began_s[key] > DEADLINE_S / 2.0 else TimeoutError()
+
+        failed = {key: errors.get(key) or lateness(key) for key in order if key not in done}
+        for key in order:
+            if key in done or key in errors or isinstance(failed[key], Stalled):
                 self._turns[key] = self._round
-            if task.cancelled():
-                failed[key] = Stalled() if stalled else TimeoutError() if key in began_s else NotReached()
-            elif (error := task.exception()) is None:
-                done[key] = task.result()
-            elif isinstance(error, self._expected):
-                failed[key] = error
-            else:
-                unexpected.append(error)
-        for error in unexpected:
-            raise error
+        for error in errors.values():
+            if not isinstance(error, self._expected):
+                raise error
         return done, failed
 
 
