@@ -36,17 +36,21 @@ class Address:
     @property
     def url(self) -> str:
         """The address for messages, without user and password."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{self.scheme}://{host}:{self.port}"
+        return f"{self.scheme}://{socket_name(self.host, self.port)}"
 
     def __str__(self) -> str:
         return f"{self.kind} at {self.url}"
 
 
+def socket_name(host: str, port: int) -> str:
+    """Host and port as in a URL."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
 def parse_address(text: str) -> Address:
     """Parse the address of a plant."""
-    kind, equals, rest = text.partition("=")
-    if not equals or kind not in _STRINGS or not rest:
+    kind, _, rest = text.partition("=")
+    if kind not in PORTS or not rest:
         raise InputError(f"plant {text!r}: expected {' or '.join(_EXAMPLES.values())}")
 
     def refuse(why: str) -> InputError:

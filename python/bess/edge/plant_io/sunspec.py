@@ -12,10 +12,9 @@ from __future__ import annotations
 import re
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Final, TypeVar
-from urllib.parse import urlsplit
 
 from bess.edge.plant_io import calls
-from bess.edge.plant_io.address import PORTS, Address
+from bess.edge.plant_io.address import Address, parse_address
 from bess.edge.plant_io.calls import CLOSING_TIME_S, Rounds
 from bess.edge.plant_io.link import (
     REFRESH_S,
@@ -123,8 +122,7 @@ def _place(name: str, address: Address) -> tuple[str, int, int]:
         raise ValueError(name)
     if not at:
         return address.host, address.port, int(unit)
-    parts = urlsplit(f"//{elsewhere}")
-    if not parts.hostname or parts.port == 0 or parts.path or parts.username is not None:
+    place = parse_address(f"sunspec={elsewhere}")
+    if place.user is not None:
         raise ValueError(name)
-    parts.hostname.encode("idna")  # as the name server will be asked
-    return parts.hostname, parts.port or PORTS["sunspec"], int(unit)
+    return place.host, place.port, int(unit)

@@ -20,6 +20,7 @@ from pymodbus.exceptions import ConnectionException, ModbusException
 from sunspec2.device import Model
 
 from bess.edge.plant_io import calls
+from bess.edge.plant_io.address import socket_name
 from bess.edge.plant_io.link import LinkError, StringReadings, mean_temperature_c
 
 MARK: Final = (0x5375, 0x6E53)
@@ -152,7 +153,7 @@ class Gateway:
     """One Modbus/TCP address; reconnects after every failure, so that a late answer is never mismatched."""
 
     def __init__(self, host: str, port: int) -> None:
-        self.place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self.place = socket_name(host, port)
         self.losses = 0
         self.turn = asyncio.Semaphore(1)
         self._host, self._port = host, port

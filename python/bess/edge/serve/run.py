@@ -20,7 +20,7 @@ import uvicorn
 
 from bess.control.policies.reactive import refuse_reactive
 from bess.edge.plant_io import connect
-from bess.edge.plant_io.address import parse_address
+from bess.edge.plant_io.address import parse_address, socket_name
 from bess.edge.plant_io.journal import Journal
 from bess.edge.serve.app import build_app
 from bess.edge.serve.control_loop import STEP_S, ControlLoop, Demands
@@ -101,8 +101,7 @@ def serve(
             limit_concurrency=1000,
         )
         server = _Server(config, loop)
-        shown = f"[{host}]" if ":" in host else host
-        LOG.info(f"listens at http://{shown}:{port}")
+        LOG.info(f"listens at http://{socket_name(host, port)}")
         # Signals are captured before the thread starts: an exception raised at any other place may be lost.
         # A handled signal is raised again at the end.
         with suppress(KeyboardInterrupt), server.capture_signals(), closing(service), ExitStack() as end:
