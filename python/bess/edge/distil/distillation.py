@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from bess.arrays import Array
 from bess.control.explicit import ExplicitController, Tables
 from bess.control.objectives import SHORTFALL
 from bess.control.policies.distilled import DistilledPolicy
@@ -163,7 +162,7 @@ def distil(
     shortfall = SHORTFALL if given is None else given
     tables = Tables.of(case.system, case.ahead_kw.shape[1], case.dt_h, shortfall)
 
-    def controller(weights: NDArray[np.float64]) -> ExplicitController:
+    def controller(weights: Array) -> ExplicitController:
         return ExplicitController(
             study=study.name, system=case.system.name, weights=tuple(weights.tolist()), tables=tables
         )

@@ -77,8 +77,8 @@ class TrainingCase:
         return cls(
             inputs.system,
             inputs.grid.dt_h,
-            np.array([inputs.demand_kw for inputs in told]),
-            np.array([inputs.limit_kw for inputs in told]),
+            np.array([each.demand_kw for each in told]),
+            np.array([each.limit_kw for each in told]),
             inputs.ambient_c,
         )
 

@@ -10,8 +10,8 @@ from datetime import UTC, datetime
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.arrays import Array, Flags
 from bess.edge.plant_io import calls
 from bess.edge.plant_io.calls import Calls
 from bess.errors import BessError, InputError
@@ -59,14 +59,14 @@ class Measurements:
     """
 
     time: datetime
-    soc: NDArray[np.float64]
-    temperature_c: NDArray[np.float64]
-    power_kw: NDArray[np.float64]
-    charge_limit_kw: NDArray[np.float64]
-    discharge_limit_kw: NDArray[np.float64]
-    available: NDArray[np.bool_]
+    soc: Array
+    temperature_c: Array
+    power_kw: Array
+    charge_limit_kw: Array
+    discharge_limit_kw: Array
+    available: Flags
     remarks: tuple[str, ...] = ()
-    setpoint_kw: NDArray[np.float64] | None = None
+    setpoint_kw: Array | None = None
     plant_kw: float = float("nan")
 
 
@@ -132,7 +132,7 @@ class PlantLink(Protocol):
         """
         ...
 
-    def write(self, power_kw: NDArray[np.float64]) -> None:
+    def write(self, power_kw: Array) -> None:
         """Write set-points [kW], shape ``(n_strings,)``.
 
         NaN clears the set-point of a string; zero is a set-point. A set-point that cannot be cleared expires,
@@ -171,7 +171,7 @@ class StringLink(ABC, Generic[K]):
         self.n_strings, self._strings, self._place = n_strings, strings, place
         self._calls = Calls()
 
-    def write(self, power_kw: NDArray[np.float64]) -> None:
+    def write(self, power_kw: Array) -> None:
         """As :meth:`PlantLink.write`; set-points of another shape or infinite ones are an InputError."""
         setpoints = np.asarray(power_kw, dtype=np.float64)
         if setpoints.shape != (self.n_strings,) or np.isinf(setpoints).any():
@@ -228,7 +228,7 @@ _ROUNDING_W = 1e-6
 """Tolerance for the rounding errors of whole W given in kW [W]."""
 
 
-def whole_watts(power_kw: NDArray[np.float64]) -> list[int | None]:
+def whole_watts(power_kw: Array) -> list[int | None]:
     """Return set-points in whole W, each within 1 W; None for none.
 
     Each is truncated towards zero. The truncated total is distributed 1 W at a time, largest truncation

@@ -17,12 +17,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.arrays import Array
 from bess.edge.plant_io.link import number
 from bess.errors import InputError
 
-Split = Callable[[float, NDArray[np.float64]], NDArray[np.float64]]
+Split = Callable[[float, Array], Array]
 """Maps demand [kW, positive = discharge] and SOC, shape ``(n_strings,)``, to set-points [kW]."""
 
 

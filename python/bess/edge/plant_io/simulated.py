@@ -15,8 +15,8 @@ from math import nan
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.arrays import Array
 from bess.errors import InputError
 from bess.plant import Plant
 from bess.system import System
@@ -178,7 +178,7 @@ class SimulatedPlant:
                 self._truth = cause, self._true_readings(request_kw, beat)
             return self._truth[1]
 
-    def _true_readings(self, request_kw: NDArray[np.float64], beat: int) -> list[Reading]:
+    def _true_readings(self, request_kw: Array, beat: int) -> list[Reading]:
         nominal_kw, dead = self.system.nominal_kw, self.faults.dead
         most_kw = -self._would_deliver(-nominal_kw), self._would_deliver(nominal_kw)
         limits_kw = np.maximum(most_kw, 0.0)
@@ -190,13 +190,13 @@ class SimulatedPlant:
             for i, (soc, coldest_c, hottest_c, kw, charge_kw, discharge_kw) in enumerate(rows)
         ]
 
-    def _request_kw(self) -> NDArray[np.float64]:
+    def _request_kw(self) -> Array:
         request, stopped = np.zeros(self.n_strings), self.faults.dead | self.faults.deaf
         for string in self._held.keys() - stopped:
             request[string] = self._held[string][0]
         return request
 
-    def _would_deliver(self, request_kw: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _would_deliver(self, request_kw: Array) -> Array:
         """Return the power that the plant would deliver now, without a step of the plant."""
         self._trial.restore(self._plant.snapshot())
         return self._trial.step(request_kw, PLANT_STEP_S).delivered_kw

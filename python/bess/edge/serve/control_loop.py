@@ -18,8 +18,9 @@ import numpy as np
 from bess.arrays import Array
 from bess.edge.plant_io import LinkError, Measurements, PlantLink
 from bess.edge.plant_io.journal import Journal
+from bess.edge.serve import LOG
 from bess.edge.serve.answer import Answer
-from bess.edge.serve.service import LOG, Service
+from bess.edge.serve.service import Service
 from bess.errors import InputError
 from bess.simulation.inputs import prepare
 from bess.study import Study

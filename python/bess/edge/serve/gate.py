@@ -21,8 +21,9 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from bess.edge.serve import LOG
 from bess.edge.serve.page import PAGE, PAGE_HEADERS
-from bess.edge.serve.service import LOG, Service
+from bess.edge.serve.service import Service
 from bess.errors import InputError
 from bess.files import RepeatedKeyError, parse_json
 

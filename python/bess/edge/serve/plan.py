@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ import numpy as np
 from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.control.policies import Policy, PolicyInput
+from bess.edge.serve import LOG
 from bess.edge.serve.commitment import Curves
 from bess.study.events import limits_of
 from bess.study.grid import TimeGrid
@@ -21,7 +21,6 @@ from bess.system import State, System
 
 T = TypeVar("T")
 
-LOG: Final = logging.getLogger("bess.serve")
 SMOOTH_S: Final = 300.0
 """Time constant for smoothing a fluctuating demand."""
 CHANGED: Final = 0.05
@@ -61,7 +60,7 @@ class DemandForecast(Checkpointed):
         if given_kw is not None:
             ahead = np.asarray(given_kw, dtype=np.float64)[: self._n_steps]
             return np.concatenate([ahead, np.zeros(self._n_steps - ahead.size)])
-        ahead = np.nan_to_num(self._day_kw[(slot + np.arange(self._n_steps)) % self._day_kw.size])
+        ahead = self._day_before(slot, self._n_steps)
         weight = 1.0 if self._smooth_kw is None else min(1.0, self._step_s / SMOOTH_S)
         self._smooth_kw = (1.0 - weight) * (self._smooth_kw or 0.0) + weight * demand_kw
         ahead[0] = self._smooth_kw
@@ -69,10 +68,13 @@ class DemandForecast(Checkpointed):
 
     def day(self, slot: int, given_kw: Sequence[float] | Array | None) -> Array:
         """Demand of a day in steps of the plan: the forecast of the caller, then that of the day before."""
-        ahead = np.nan_to_num(self._day_kw[(slot + np.arange(self._day_kw.size)) % self._day_kw.size])
+        ahead = self._day_before(slot, self._day_kw.size)
         given = np.array([] if given_kw is None else given_kw, dtype=np.float64)[: ahead.size]
         ahead[: given.size] = given
         return ahead
+
+    def _day_before(self, slot: int, n_steps: int) -> Array:
+        return np.nan_to_num(self._day_kw[(slot + np.arange(n_steps)) % self._day_kw.size])
 
     def _record(self, demand_kw: float, slot: int, elapsed_s: float) -> None:
         known, mean, weight_s = self._mean

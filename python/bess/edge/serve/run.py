@@ -22,6 +22,7 @@ from bess.control.policies.reactive import refuse_reactive
 from bess.edge.plant_io import connect
 from bess.edge.plant_io.address import parse_address, socket_name
 from bess.edge.plant_io.journal import Journal
+from bess.edge.serve import LOG
 from bess.edge.serve.app import build_app
 from bess.edge.serve.control_loop import STEP_S, ControlLoop, Demands
 from bess.edge.serve.gate import (
@@ -34,7 +35,7 @@ from bess.edge.serve.gate import (
     exposure,
     read_token,
 )
-from bess.edge.serve.service import LOG, Service
+from bess.edge.serve.service import Service
 from bess.errors import BessError, InputError
 from bess.simulation.record.store import locked
 from bess.study import Study

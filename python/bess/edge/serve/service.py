@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -14,6 +13,7 @@ import numpy as np
 
 from bess.control.policies import build_policy
 from bess.edge.plant_io import Measurements
+from bess.edge.serve import LOG
 from bess.edge.serve.answer import Answer, ControlRequest
 from bess.edge.serve.controller import Controller
 from bess.edge.serve.monitoring import History, Metrics
@@ -22,7 +22,6 @@ from bess.study import Study
 from bess.study.events import check_events
 from bess.study.plant_choice import build_system, policy_settings
 
-LOG: Final = logging.getLogger("bess.serve")
 PLAN_SHARE: Final = 0.5
 """Share of the permitted answer time for which an answer may wait for a plan."""
 FORESEEN_S: Final = 3600.0

@@ -9,7 +9,6 @@ checksum of the rest.
 from __future__ import annotations
 
 import errno
-import logging
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -20,13 +19,13 @@ from typing import Any, Final
 
 from bess.checkpoints import from_json, to_json
 from bess.edge.plant_io.calls import Aside
+from bess.edge.serve import LOG
 from bess.edge.serve.controller import Controller
 from bess.errors import BessError
 from bess.simulation.record.dataset import fingerprint
 from bess.simulation.record.files import put_bytes, sealed, unsealed
 from bess.system import System
 
-LOG: Final = logging.getLogger("bess.serve")
 MEMORY: Final = ("memory-0.json", "memory-1.json")
 PLAN: Final = "plan.json"
 TRIAL: Final = "trial.json"
