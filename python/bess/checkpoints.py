@@ -26,7 +26,7 @@ class Checkpointed:
             if isinstance(value, Checkpointed):
                 value = value.state_dict()
             elif name in self._classes and value is not None:
-                value = vars(value)
+                value = dict(vars(value))
             state[name.lstrip("_")] = value
         return state
 

@@ -95,7 +95,7 @@ class MeasurementValidator(Checkpointed):
             np.minimum(self._limit(measured.discharge_limit_kw), cap_kw),
             in_service,
             tuple(reasons),
-            np.array([watch.other for watch in self._watch]),
+            np.array([watch.trouble == "other" for watch in self._watch]),
             self._at_meter(measured, in_service, flow_kw),
         )
 

@@ -30,7 +30,7 @@ MEMORY: Final = ("memory-0.json", "memory-1.json")
 PLAN: Final = "plan.json"
 TRIAL: Final = "trial.json"
 """Written and removed at the start, to test the disk."""
-VERSION: Final = 8
+VERSION: Final = 9
 DISK_TIMEOUT_S: Final = 5.0
 """Time after which a disk without response is an error."""
 _FLUSH_S: Final = 1.0

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from dataclasses import dataclass
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 
@@ -36,14 +37,39 @@ RECENT_SETPOINTS: Final = 6
 """Number of recent set-points; the power of a string in transition is between them."""
 
 
+Trouble = Literal["power", "soc", "all", "other"]
+"""Implausible power, constant SOC, constant readings of all kinds, or another controller that writes."""
+
+
+@dataclass
+class Outage:
+    """Why and for how long a string is not used, or only up to ``cap_kw``."""
+
+    trouble: Trouble
+    reason: str
+    until_s: float
+    """Duration until the next try [s]; with another controller, of rest."""
+    cap_kw: float
+    gone_s: float = 0.0
+    rest_s: float = 0.0
+
+    def finding(self) -> tuple[str, float]:
+        """Return reason and limit [kW]."""
+        if self.trouble == "other":
+            return self.reason, self.cap_kw
+        left_s = max(0.0, self.until_s - self.gone_s)
+        return f"{self.reason}; tried again in {left_s:.0f} s", self.cap_kw
+
+
 class StringMonitor(Checkpointed):
     """Monitors one string; each check returns a reason, and the limit of its power."""
 
     _carried = (
         "soc", "temperature_c", "other_soc", "agreeing", "unchanged", "moved", "resolution", "last_reading",
-        "last_power_kw", "flow_kw", "flow_s", "was_out", "stands", "missing_s", "off_target", "on_target",
-        "tries", "cap_kw", "out_reason", "out_s", "out_until_s", "asked_kw", "other", "rest_s",
+        "last_power_kw", "flow_kw", "flow_s", "was_out", "missing_s", "off_target", "on_target", "tries",
+        "asked_kw", "outage",
     )  # fmt: skip
+    _classes: ClassVar = {"outage": Outage}
 
     def __init__(self, system: System, string: int, service: ServiceSection, step_s: float) -> None:
         battery = system.strings[string].battery
@@ -53,23 +79,26 @@ class StringMonitor(Checkpointed):
         self.soc: float | None = None
         self.temperature_c: float | None = None
         self.other_soc: float | None = None
-        self.agreeing = self.unchanged = 0
-        self.moved = 0.0
+        self.agreeing = 0
         self.resolution = MAX_SOC_RESOLUTION
         self.last_reading: float | None = None
         self.last_power_kw: float | None = None
-        self.flow_kw = self.flow_s = self.missing_s = self.out_until_s = self.cap_kw = 0.0
+        self.flow_kw = self.flow_s = self.missing_s = 0.0
         self.was_out = False
         self.on_target = self.tries = 0
         self.asked_kw: list[float] = []
-        self._forgive()
+        self._put_back()
 
-    def _forgive(self) -> None:
+    def _put_back(self) -> None:
         """Put the string back into service, as at the start."""
-        self.out_reason = self.stands = ""
-        self.out_s = self.rest_s = 0.0
-        self.off_target = 0
-        self.other = False
+        self.outage: Outage | None = None
+        self.off_target = self.unchanged = 0
+        self.moved = 0.0
+
+    @property
+    def trouble(self) -> Trouble | None:
+        """Why the string is not, or only partly, used."""
+        return None if self.outage is None else self.outage.trouble
 
     def possible_soc(self) -> Array:
         """SOC, and the smaller and the larger of its possible values, within the window."""
@@ -86,7 +115,7 @@ class StringMonitor(Checkpointed):
         is_new = abs(power_kw) <= self._max_kw and (power_kw != self.flow_kw or not out)
         self.flow_s = 0.0 if is_new else self.flow_s + elapsed_s
         self.flow_kw = power_kw if is_new else self.flow_kw
-        is_lost = self.stands == "all" or (measured.available[self._i] and not self.was_out)
+        is_lost = self.trouble == "all" or (measured.available[self._i] and not self.was_out)
         self.was_out = out
         return 0.0 if not out or is_lost or self.flow_s > self._service.watchdog_s else self.flow_kw
 
@@ -101,8 +130,7 @@ class StringMonitor(Checkpointed):
         carried = power if abs(power) <= self._max_kw else asked_kw
         expected = -carried * elapsed_s / 3600.0 / energy_kwh
         if not measured.available[i]:
-            self._forgive()
-            self.unchanged, self.moved = 0, 0.0
+            self._put_back()
             if 0.0 <= soc <= 1.0:
                 self._accept_soc(soc)
             remark = measured.remarks[i] if measured.remarks else ""
@@ -115,32 +143,31 @@ class StringMonitor(Checkpointed):
         same_power = self.last_power_kw is not None and power == self.last_power_kw
         self.last_power_kw = power if np.isfinite(power) else None
         held_kw = np.nan if measured.setpoint_kw is None else float(measured.setpoint_kw[i])
-        if self.other:
-            return self._left_alone(power, held_kw, elapsed_s)
-        if self.out_reason:
-            moves = soc != self.last_reading or (self.stands == "all" and not same_power)
-            return self._still_out(moves, soc, elapsed_s)
+        if self.outage is not None:
+            moves = soc != self.last_reading or (self.outage.trouble == "all" and not same_power)
+            if not self._is_over(self.outage, moves, power, held_kw, elapsed_s):
+                return self.outage.finding()
+            self._put_back()
+            self.last_reading = soc
+            return "", math.inf
         stood = f"its state of charge has been constant at {100.0 * soc:.4g} %"
         if self._is_frozen(soc, abs(expected)):
-            self.stands, sentence = "soc", f"{stood} for {self.unchanged} readings while it carried power"
-            return self._take_out(sentence, self._service.retry_after_s)
+            sentence = f"{stood} for {self.unchanged} readings while it carried power"
+            return self._take_out("soc", sentence, self._service.retry_after_s)
         self.last_reading = soc
         if self._max_kw < abs(power) < np.inf:
             beyond = f"its power of {rounded(power, 4)} kW is implausible"
             sentence = f"{beyond}, its inverter has {rounded(self._nominal_kw, 4)} kW"
-            return self._take_out(sentence, self._next_try_s())
+            return self._take_out("power", sentence, self._next_try_s())
         if drives and (sentence := self._other_writer(power, held_kw, asked_kw)):
-            self.other = True
-            self._take_out(sentence, self._next_try_s())
-            return sentence, 0.0
+            return self._take_out("other", sentence, self._next_try_s())
         if np.isfinite(power) and (sentence := self._does_not_follow(power, asked_kw)):
             if same_power and power != 0.0 and self.unchanged >= NOT_FOLLOWING:
                 # It may follow; its reported values are frozen.
-                self.stands = "all"
                 sentence = f"{stood} and its power at {rounded(power, 4)} kW, for any set-point"
-                return self._take_out(sentence, self._service.retry_after_s)
+                return self._take_out("all", sentence, self._service.retry_after_s)
             same_way = power * asked_kw > 0.0 and abs(power) < abs(asked_kw)
-            return self._take_out(sentence, self._next_try_s(), abs(power) if same_way else 0.0)
+            return self._take_out("power", sentence, self._next_try_s(), abs(power) if same_way else 0.0)
         return doubt, math.inf
 
     def _unusable(
@@ -152,7 +179,7 @@ class StringMonitor(Checkpointed):
             if self.soc is None or self.missing_s > self._service.late_after_s:
                 return "its state of charge is missing", 0.0
             self.soc = min(max(self.soc + expected, 0.0), 1.0)
-            limit_kw = self.cap_kw if self.out_reason else math.inf
+            limit_kw = math.inf if self.outage is None else self.outage.cap_kw
             return f"its state of charge is missing for {self.missing_s:.0f} s and estimated", limit_kw
         self.missing_s = 0.0
         if not -0.005 <= soc <= 1.005:
@@ -230,22 +257,24 @@ class StringMonitor(Checkpointed):
             return ""
         return f"{who}, or it hangs; {_off(asked_kw, power_kw)}"
 
-    def _left_alone(self, power_kw: float, held_kw: float, elapsed_s: float) -> tuple[str, float]:
-        """Wait until the string has been at rest for a while: one of two controllers gives way.
+    def _is_over(
+        self, outage: Outage, moves: bool, power_kw: float, held_kw: float, elapsed_s: float
+    ) -> bool:
+        """Whether a string is tried again: after a while, or at once if a frozen reading ``moves`` again.
 
-        A plant that does not report set-points may keep the last one of a controller that has stopped. The
-        string is therefore tried again at increasing intervals.
+        With another controller, the string must have been at rest for a while: one of two controllers gives
+        way. A plant that does not report set-points may keep the last one of a controller that has stopped.
+        The string is therefore tried again at increasing intervals.
         """
+        outage.gone_s += elapsed_s
+        if outage.trouble != "other":
+            return (outage.trouble != "power" and moves) or outage.gone_s >= outage.until_s
         rests = abs(np.nan_to_num(power_kw)) <= FOLLOWS_WITHIN * self._nominal_kw
         rests &= not abs(held_kw) > READ_BACK_WITHIN * self._nominal_kw
-        self.rest_s = self.rest_s + elapsed_s if rests else 0.0
-        self.out_s += elapsed_s
+        outage.rest_s = outage.rest_s + elapsed_s if rests else 0.0
         patience_s = self._service.retry_after_s * 2.0 ** min(self.tries, 30)
-        may_be_left = not np.isfinite(held_kw) and self.out_s >= patience_s
-        if self.rest_s < self.out_until_s and not may_be_left:
-            return self.out_reason, 0.0
-        self._forgive()
-        return "", math.inf
+        may_be_left = not np.isfinite(held_kw) and outage.gone_s >= patience_s
+        return outage.rest_s >= outage.until_s or may_be_left
 
     def _next_try_s(self) -> float:
         """Return the delay until the next try, which doubles with each try."""
@@ -253,23 +282,12 @@ class StringMonitor(Checkpointed):
         self.tries += 1
         return min(soon_s, self._service.retry_after_s)
 
-    def _take_out(self, sentence: str, until_s: float, cap_kw: float = 0.0) -> tuple[str, float]:
-        self.out_reason, self.out_s, self.out_until_s = sentence, 0.0, until_s
-        self.cap_kw, self.off_target = cap_kw, 0
-        return self._finding()
-
-    def _still_out(self, moves: bool, soc: float, elapsed_s: float) -> tuple[str, float]:
-        """Exclude the string until the next try; a frozen value that changes again is accepted at once."""
-        self.out_s += elapsed_s
-        if (self.stands and moves) or self.out_s >= self.out_until_s:
-            self._forgive()
-            self.unchanged, self.moved, self.last_reading = 0, 0.0, soc
-            return "", math.inf
-        return self._finding()
-
-    def _finding(self) -> tuple[str, float]:
-        left_s = max(0.0, self.out_until_s - self.out_s)
-        return f"{self.out_reason}; tried again in {left_s:.0f} s", self.cap_kw
+    def _take_out(
+        self, trouble: Trouble, reason: str, until_s: float, cap_kw: float = 0.0
+    ) -> tuple[str, float]:
+        self.outage = Outage(trouble, reason, until_s, cap_kw)
+        self.off_target = 0
+        return self.outage.finding()
 
 
 def _off(asked_kw: float, power_kw: float) -> str:
