@@ -108,7 +108,7 @@ def test_report_and_export_know_a_journal(folder: Path) -> None:
         assert (done.returncode, done.stderr) == (0, "")
     rows = (folder / "record.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == 1 + open_journal(folder).sizes["time"]
-    assert rows[0].startswith("time,demand_kw,available.0")
+    assert rows[0].startswith("time,demand_kw,power_kw.0")
 
 
 def test_a_journal_of_one_reading_is_shown(tmp_path: Path) -> None:

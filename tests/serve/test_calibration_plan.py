@@ -140,3 +140,12 @@ def test_a_clock_that_was_ahead_delays_no_calibration() -> None:
 def test_a_plant_of_one_string_has_no_period() -> None:
     with pytest.raises(InputError, match="no other string"):
         controller(1, calibration_days=7.0)
+
+
+def test_a_time_planned_with_a_period_is_forgotten_without_one() -> None:
+    before = controller(2, policy="soc", control_step_s=900.0, calibration_days=1.5)
+    before.calibration.planned = [1, 3600.0, 0.2]
+    live = controller(2, policy="soc", control_step_s=900.0)
+    live.load_state_dict(from_json(to_json(before.state_dict())))
+    live.step(measured([0.5, 0.5]), 0.0, 900.0)
+    assert live.calibration.planned is None

@@ -20,6 +20,7 @@ import zlib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import fields
 from datetime import UTC
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, BinaryIO, Final, Literal, Self
@@ -44,19 +45,19 @@ HEADER: Final = "journal.json"
 RECORDS: Final = "journal"
 _OPEN, _FULL, _PACKED = ".bin", ".full", ".gz"
 
-_OF_PLANT: Final = {
-    "demand_kw": ("kW", "power asked of the plant, positive = discharge"),
-    "available": ("1", "1 where the string took set-points"),
+_COLUMNS: Final = {
+    "demand_kw": ("<f8", "kW", "power asked of the plant, positive = discharge"),
+    "power_kw": ("<f4", "kW", "AC power that the string delivered, positive = discharge"),
+    "recommended_kw": ("<f4", "kW", "set-point that the controller recommended, positive = discharge"),
+    "written_kw": ("<f4", "kW", "set-point that reached the plant; NaN where none was written"),
+    "soc": ("<f4", "1", "state of charge as read"),
+    "temperature_c": ("<f4", "degC", "temperature as read"),
+    "charge_limit_kw": ("<f4", "kW", "charge power that the plant allowed"),
+    "discharge_limit_kw": ("<f4", "kW", "discharge power that the plant allowed"),
+    "available": ("i1", "1", "1 where the string took set-points"),
 }
-_OF_STRINGS: Final = {
-    "power_kw": ("kW", "AC power that the string delivered, positive = discharge"),
-    "recommended_kw": ("kW", "set-point that the controller recommended, positive = discharge"),
-    "written_kw": ("kW", "set-point that reached the plant; NaN where none was written"),
-    "soc": ("1", "state of charge as read"),
-    "temperature_c": ("degC", "temperature as read"),
-    "charge_limit_kw": ("kW", "charge power that the plant allowed"),
-    "discharge_limit_kw": ("kW", "discharge power that the plant allowed"),
-}
+"""Type, unit and meaning, in the order of a record; all except the demand have a value for each string."""
+_MEASURED: Final = _COLUMNS.keys() & {column.name for column in fields(Measurements)}
 
 
 class _Header(BaseModel, strict=True):
@@ -82,9 +83,11 @@ class _Header(BaseModel, strict=True):
 
     def layout(self) -> np.dtype[np.void]:
         """Layout of a record."""
-        strings = [(name, "<f4", (self.n_strings,)) for name in _OF_STRINGS]
-        last = ("available", "i1", (self.n_strings,))
-        return np.dtype([("time_ms", "<i8"), ("demand_kw", "<f8"), *strings, last])
+        columns = [
+            (name, kind, () if name == "demand_kw" else (self.n_strings,))
+            for name, (kind, _, _) in _COLUMNS.items()
+        ]
+        return np.dtype([("time_ms", "<i8"), *columns])
 
 
 class Journal:
@@ -136,10 +139,9 @@ class Journal:
         record = np.zeros((), dtype=self._layout)
         record["time_ms"] = round(1000.0 * measurements.time.timestamp())
         record["demand_kw"] = demand_kw
-        record["available"] = measurements.available
         record["recommended_kw"] = recommended_kw
         record["written_kw"] = np.nan if written_kw is None else written_kw
-        for name in ("power_kw", "soc", "temperature_c", "charge_limit_kw", "discharge_limit_kw"):
+        for name in _MEASURED:
             record[name] = getattr(measurements, name)
         day = measurements.time.astimezone(UTC).strftime("%Y-%m-%d")
         self._do(lambda: self._write(self._records / f"{day}{_OPEN}", record.tobytes()))
@@ -281,7 +283,7 @@ def open_journal(directory: str | Path) -> xr.Dataset:
     dims = ("time", "string")
     variables = {
         name: (dims[: records[name].ndim], records[name], {"units": units, "long_name": meaning})
-        for name, (units, meaning) in {**_OF_PLANT, **_OF_STRINGS}.items()
+        for name, (_, units, meaning) in _COLUMNS.items()
     }
     return xr.Dataset(
         variables,

@@ -101,6 +101,7 @@ class Calibration(Checkpointed):
         if self.is_done(valid):
             self.string = None
         if self._period_s == np.inf:
+            self.planned = None  # that of settings with a period
             return
         n = self._system.n_strings
         spread_s = self._period_s * (np.arange(1, n + 1) / n - 1.0)

@@ -90,10 +90,10 @@ class SocLimits:
 
 
 def _each(name: str, value: float | tuple[float, ...], n_strings: int) -> Array:
-    values = np.atleast_1d(np.array(value, dtype=np.float64))
+    values = np.atleast_1d(value)
     if values.size not in (1, n_strings):
         raise InputError(f"{name}: {values.size} values for {n_strings} strings")
-    return np.array(np.broadcast_to(values, (n_strings,)))
+    return np.full(n_strings, values, dtype=np.float64)
 
 
 SetPointRange = tuple[Array, Array]
