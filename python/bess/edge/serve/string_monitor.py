@@ -38,7 +38,8 @@ RECENT_SETPOINTS: Final = 6
 
 
 Trouble = Literal["power", "soc", "all", "other"]
-"""Implausible power, constant SOC, constant readings of all kinds, or another controller that writes."""
+"""Power that is implausible or off its set-point, constant SOC, constant readings of all kinds, or another
+controller that writes."""
 
 
 @dataclass
@@ -153,21 +154,21 @@ class StringMonitor(Checkpointed):
         stood = f"its state of charge has been constant at {100.0 * soc:.4g} %"
         if self._is_frozen(soc, abs(expected)):
             sentence = f"{stood} for {self.unchanged} readings while it carried power"
-            return self._take_out("soc", sentence, self._service.retry_after_s)
+            return self._take_out("soc", sentence)
         self.last_reading = soc
         if self._max_kw < abs(power) < np.inf:
             beyond = f"its power of {rounded(power, 4)} kW is implausible"
             sentence = f"{beyond}, its inverter has {rounded(self._nominal_kw, 4)} kW"
-            return self._take_out("power", sentence, self._next_try_s())
+            return self._take_out("power", sentence)
         if drives and (sentence := self._other_writer(power, held_kw, asked_kw)):
-            return self._take_out("other", sentence, self._next_try_s())
+            return self._take_out("other", sentence)
         if np.isfinite(power) and (sentence := self._does_not_follow(power, asked_kw)):
             if same_power and power != 0.0 and self.unchanged >= NOT_FOLLOWING:
                 # It may follow; its reported values are frozen.
                 sentence = f"{stood} and its power at {rounded(power, 4)} kW, for any set-point"
-                return self._take_out("all", sentence, self._service.retry_after_s)
+                return self._take_out("all", sentence)
             same_way = power * asked_kw > 0.0 and abs(power) < abs(asked_kw)
-            return self._take_out("power", sentence, self._next_try_s(), abs(power) if same_way else 0.0)
+            return self._take_out("power", sentence, abs(power) if same_way else 0.0)
         return doubt, math.inf
 
     def _unusable(
@@ -276,15 +277,11 @@ class StringMonitor(Checkpointed):
         may_be_left = not np.isfinite(held_kw) and outage.gone_s >= patience_s
         return outage.rest_s >= outage.until_s or may_be_left
 
-    def _next_try_s(self) -> float:
-        """Return the delay until the next try, which doubles with each try."""
-        soon_s = 2.0 * self._step_s * 2.0 ** min(self.tries, 30)
-        self.tries += 1
-        return min(soon_s, self._service.retry_after_s)
-
-    def _take_out(
-        self, trouble: Trouble, reason: str, until_s: float, cap_kw: float = 0.0
-    ) -> tuple[str, float]:
+    def _take_out(self, trouble: Trouble, reason: str, cap_kw: float = 0.0) -> tuple[str, float]:
+        until_s = self._service.retry_after_s
+        if trouble in ("power", "other"):  # tried again soon, then each time after twice as long
+            until_s = min(2.0 * self._step_s * 2.0 ** min(self.tries, 30), until_s)
+            self.tries += 1
         self.outage = Outage(trouble, reason, until_s, cap_kw)
         self.off_target = 0
         return self.outage.finding()
