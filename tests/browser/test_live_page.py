@@ -21,6 +21,7 @@ sys.path.append(str(Path(__file__).parents[1] / "serve"))
 sys.path.append(str(Path(__file__).parents[2] / "benches"))
 from live_cases import measured
 
+from bess.edge.serve.answer import Demand
 from bess.edge.serve.app import build_app
 from bess.edge.serve.control_loop import ControlLoop
 from bess.edge.serve.gate import Connection
@@ -43,7 +44,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     now_s = made.clock()
     for k in range(600):
         made.clock = lambda k=k: now_s - 36_000.0 + 60.0 * k  # type: ignore[assignment,misc]
-        answer = made.answer(measured(soc, [25.0, 30.0, 53.0]), 180.0 * np.sin(k / 60.0))
+        answer = made.answer(measured(soc, [25.0, 30.0, 53.0]), Demand(180.0 * np.sin(k / 60.0)))
         soc = soc - answer.request_kw / 266.0 / 60.0
     yield made
     made.close()
@@ -132,7 +133,7 @@ def test_many_strings_are_ranges_and_the_outermost_by_name(browser: Any, width: 
     made = Service(load_study("policies", {"system.n_strings": n, "policy.name": "soc"}), tmp_path)
     soc, temperature_c, fit = np.linspace(0.3, 0.8, n), np.full(n, 25.0), np.arange(n) != 7
     temperature_c[20] = 51.0
-    made.answer(measured(soc, temperature_c, available=fit), 900.0)
+    made.answer(measured(soc, temperature_c, available=fit), Demand(900.0))
     for page in served(made, None):
         opened(browser, page, width, ".string p")
         cards = texts(browser, ".string")
@@ -159,7 +160,7 @@ def test_the_axes_fit_a_minute_a_day_a_week(browser: Any, width: int, ago_s: flo
     now_s = made.clock()
     for at_s in np.linspace(now_s - ago_s, now_s, 300):
         made.clock = lambda at_s=at_s: at_s  # type: ignore[assignment,misc]
-        made.answer(measured([0.5, 0.5]), 50.0)
+        made.answer(measured([0.5, 0.5]), Demand(50.0))
     for page in served(made, None):
         opened(browser, page, width, ".string p")
         for button in browser.find_elements("css selector", "#spans button"):

@@ -214,7 +214,7 @@ def test_a_forecast_that_was_posted_moves_on_with_time(driven: Driven) -> None:
     began_s = 900.0 * (driven.now_s // 900.0)
     driven.demands.post([10.0, 20.0, 30.0], 3600.0, began_s)
     now = driven.demands.at(began_s + 950.0, 8)
-    assert now is not None and now.demand_kw == 20.0 and now.forecast_kw == [20.0, 30.0]
+    assert now is not None and now.now_kw == 20.0 and now.forecast_kw == [20.0, 30.0]
     assert driven.demands.at(began_s + 2800.0, 8) is None
 
 
@@ -233,7 +233,7 @@ def test_a_profile_is_followed_only_where_the_study_asks_for_it() -> None:
     values = {"demand.repeat": True, "service.follow_profile": True}
     demands = Demands(load_study("policies", values), 900.0)
     day = [demands.at(1.8e9 + 900.0 * k, 4) for k in range(192 * 2)]
-    followed = [asked.demand_kw for asked in day if asked is not None]
+    followed = [asked.now_kw for asked in day if asked is not None]
     assert len(followed) == 384
     assert max(followed) > 0.0 > min(followed)
     assert followed[:192] == followed[192:]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from live_cases import measured
 
+from bess.edge.serve.answer import Demand
 from bess.edge.serve.monitoring import MAX_LINES, SPANS, History
 from bess.edge.serve.page import grouped, live
 from bess.edge.serve.service import Service
@@ -53,7 +54,7 @@ def test_the_energy_left_is_that_of_strings_in_service_above_their_floor(tmp_pat
     service = Service(study, tmp_path)
     nothing = live(service, "day")
     assert (nothing["last"], nothing["status"]) == (None, "no demand yet")
-    service.answer(measured([0.6, 0.5, 0.9], available=[True, True, False]), 60.0)
+    service.answer(measured([0.6, 0.5, 0.9], available=[True, True, False]), Demand(60.0))
     said = live(service, "day")["last"]
     energy_kwh = service.controller.system.nominal_energy_kwh
     assert said["discharge_kwh"] == pytest.approx(0.4 * energy_kwh[0] + 0.3 * energy_kwh[1])
@@ -67,7 +68,7 @@ def test_what_was_foreseen_an_hour_before_is_told_when_its_time_comes(tmp_path: 
     began_s = 900.0 * (service.clock() // 900.0)
     for step in range(5):
         service.clock = lambda step=step: began_s + 900.0 * step  # type: ignore[assignment,misc]
-        service.answer(measured([0.5, 0.5]), 10.0 + step, [10.0 + step, *(30.0 + step,) * 7])
+        service.answer(measured([0.5, 0.5]), Demand.of([10.0 + step, *(30.0 + step,) * 7]))
     foreseen = service.history.document("2h")["foreseen_kw"]
     assert foreseen == [None, None, None, None, 30.0]
     service.close()
@@ -80,7 +81,7 @@ def test_a_controller_that_never_answered_says_why(tmp_path: Path, monkeypatch: 
         raise ArithmeticError("0/0")
 
     monkeypatch.setattr(service.controller, "step", fails)
-    assert service.answer(measured([0.6, 0.5]), 60.0).fallback
+    assert service.answer(measured([0.6, 0.5]), Demand(60.0)).fallback
     service.close()  # the fallback has been taken note of
     said = live(service, "day")
     assert said["last"] is None

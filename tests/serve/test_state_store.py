@@ -14,6 +14,7 @@ pytest.importorskip("fastapi")
 from bess.edge.plant_io.journal import Journal, open_journal
 from bess.edge.serve import run
 from bess.edge.serve import state_store as module
+from bess.edge.serve.answer import Demand
 from bess.edge.serve.service import Service
 from bess.edge.serve.state_store import StateStore
 from bess.errors import InputError
@@ -59,7 +60,7 @@ def test_a_disk_that_hangs_holds_one_answer_up_and_no_other(
 
     with monkeypatch.context() as disk:
         disk.setattr(service.memory, "_write", write)
-        answers = [service.answer(measured([0.6, 0.5]), 100.0) for _ in range(5)]
+        answers = [service.answer(measured([0.6, 0.5]), Demand(100.0)) for _ in range(5)]
     assert hangs.is_set()
     assert not any(answer.fallback for answer in answers)
     assert "the disk has not answered for" in service.memory.error
@@ -106,7 +107,7 @@ def test_a_study_of_another_plant_that_is_refused_leaves_the_state_as_it_is(
     monkeypatch.setattr(run, "_log_to_standard_error", lambda: None)
     two, three = (load_study("policies", {"system.n_strings": n, "policy.name": "soc"}) for n in (2, 3))
     service = Service(two, tmp_path)
-    service.answer(measured([0.5, 0.5]), 10.0)
+    service.answer(measured([0.5, 0.5]), Demand(10.0))
     service.close()
     Journal(tmp_path, service.controller.system, "two strings").close()
     address = "openems=http://127.0.0.1:1"

@@ -18,12 +18,25 @@ from bess.system import System
 
 
 @dataclass(frozen=True)
+class Demand:
+    """Demand now, and its forecast for the present step of the plan and the next ones [kW]."""
+
+    now_kw: float
+    forecast_kw: list[float] | None = None
+    source: str = ""
+
+    @classmethod
+    def of(cls, kw: float | list[float], source: str = "") -> Demand:
+        """A demand without a forecast, or a forecast that begins with the demand now."""
+        return cls(kw[0], kw, source) if isinstance(kw, list) else cls(kw, None, source)
+
+
+@dataclass(frozen=True)
 class ControlRequest:
     """Input of one control step, and when it was received [s of the monotonic clock]."""
 
     measured: Measurements
-    demand_kw: float
-    forecast_kw: list[float] | None
+    demand: Demand
     received_s: float = field(default_factory=time.monotonic)
 
     @property

@@ -13,6 +13,7 @@ from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse
 
 from bess import __version__
 from bess.edge.plant_io.openems_solver import answer as openems_answer
+from bess.edge.serve.answer import Demand
 from bess.edge.serve.control_loop import ControlLoop
 from bess.edge.serve.gate import HEALTH, LOCAL, Gate, Names, refusal
 from bess.edge.serve.messages import (
@@ -77,7 +78,7 @@ def build_app(
     @app.post("/v1/split", dependencies=[Depends(without_plant)], summary="Allocate a demand to the strings")
     async def split(message: SplitMessage) -> Response:
         measured = measurements_of(message, service.controller.system)
-        answer = await service.split(measured, message.now_kw, message.forecast_kw)
+        answer = await service.split(measured, Demand.of(message.demand_kw))
         return JSONResponse(answer.document())
 
     @app.post("/v1/openems-solver", summary="Shares in per cent, for the solver interface of OpenEMS")

@@ -10,7 +10,6 @@ import re
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +18,7 @@ from bess.arrays import Array
 from bess.edge.plant_io import LinkError, Measurements, PlantLink
 from bess.edge.plant_io.journal import Journal
 from bess.edge.serve import LOG
-from bess.edge.serve.answer import Answer
+from bess.edge.serve.answer import Answer, Demand
 from bess.edge.serve.service import Service
 from bess.errors import InputError
 from bess.simulation.inputs import prepare
@@ -31,15 +30,6 @@ STEP_S: Final = 10.0
 """Control step of a plant that the service controls, unless the settings state another."""
 NO_DEMAND: Final = "there is no demand: post one to /v1/demand"
 _QUANTITY: Final = re.compile(r"-?[\d.]+ (s|kW|%|°C|readings)(?!\w)")
-
-
-@dataclass(frozen=True)
-class ActiveDemand:
-    """Demand now, the forecast [kW] of the present step of the plan and the next ones, and a label."""
-
-    demand_kw: float
-    forecast_kw: list[float] | None
-    source: str
 
 
 class Demands:
@@ -70,16 +60,16 @@ class Demands:
         """Accept a demand, or a forecast that begins now, from a client's address."""
         self._posted = (demand_kw, now_s, now_s + valid_for_s, by)
 
-    def at(self, now_s: float, n_steps: int) -> ActiveDemand | None:
+    def at(self, now_s: float, n_steps: int) -> Demand | None:
         """The demand at a time with its forecast of up to ``n_steps``; None if there is none."""
         posted = self._posted
         if posted is not None and now_s < posted[2]:
             demand_kw, began_s, until_s, by = posted
             gone = int(now_s // self._plan_s) - int(began_s // self._plan_s)
-            left = demand_kw[gone:] if isinstance(demand_kw, list) else [demand_kw]
-            if left:
+            left = demand_kw[gone:] if isinstance(demand_kw, list) else demand_kw
+            if left != []:
                 source = f"posted{by and f' by {by}'}, valid for another {until_s - now_s:.0f} s"
-                return ActiveDemand(left[0], left if isinstance(demand_kw, list) else None, source)
+                return Demand.of(left, source)
         if self._profile is None:
             return None
         first = int((now_s - self._start_s) // self._step_s)
@@ -89,7 +79,7 @@ class Demands:
             ahead = self._profile[first : first + n_steps]
         else:
             return None
-        return ActiveDemand(float(ahead[0]), ahead.tolist(), "the profile of the study")
+        return Demand.of(ahead.tolist(), "the profile of the study")
 
 
 class ControlLoop:
@@ -133,7 +123,7 @@ class ControlLoop:
         """Time since the end of the last cycle, successful or not [s]."""
         return self._monotonic() - self._completed_s
 
-    def active_demand(self) -> ActiveDemand | None:
+    def active_demand(self) -> Demand | None:
         """The present demand."""
         return self.demands.at(self._service.clock(), self._service.controller.plan.n_steps)
 
@@ -184,14 +174,14 @@ class ControlLoop:
         except LinkError as error:
             self._failed(error)
             return None
-        active = self.active_demand()
-        if active is None:
+        demand = self.active_demand()
+        if demand is None:
             self._release(NO_DEMAND)
             return None
-        answer = service.answer(measured, active.demand_kw, active.forecast_kw)
+        answer = service.answer(measured, demand)
         written = None if self._shadow or self._stop.is_set() else self._write(measured, answer)
         if self._journal is not None:
-            self._journal.append(measured, active.demand_kw, answer.request_kw, written)
+            self._journal.append(measured, demand.now_kw, answer.request_kw, written)
             if self._journal.error and self._journal.error != self.journal_trouble:
                 LOG.warning(self._journal.error)
             self.journal_trouble = self._journal.error

@@ -21,12 +21,13 @@ MAX_KW: Final = 1e6
 
 Power = Annotated[float, within(-MAX_KW, MAX_KW, "kW")]
 Limit = Annotated[float, within(0.0, MAX_KW, "kW")]
-
-
-Demand = Power | Annotated[list[Power], Field(min_length=1, max_length=MAX_FORECAST)]
-_DEMAND: Final = (
-    "Demand now [kW], positive = discharge; or a list: now, and the mean of each later step of the plan."
-)
+NowOrForecast = Annotated[
+    Power | Annotated[list[Power], Field(min_length=1, max_length=MAX_FORECAST)],
+    Field(
+        description="Demand now [kW], positive = discharge; or a list: now, and the mean of each later step "
+        "of the plan."
+    ),
+]
 
 
 class Message(BaseModel):
@@ -63,27 +64,17 @@ class StringMessage(Message):
 class SplitMessage(Message):
     """A demand on the plant and measurements of its strings."""
 
-    demand_kw: Demand = Field(description=_DEMAND)
+    demand_kw: NowOrForecast
     plant_kw: Power | None = Field(
         None, description="Power of all strings at the plant's own meter [kW], positive = discharge."
     )
     strings: list[StringMessage] = Field(description="One entry for each string, in the order of the system.")
 
-    @property
-    def now_kw(self) -> float:
-        """Demand now."""
-        return self.demand_kw[0] if isinstance(self.demand_kw, list) else self.demand_kw
-
-    @property
-    def forecast_kw(self) -> list[float] | None:
-        """Demand of the steps of the plan, if it was given."""
-        return self.demand_kw if isinstance(self.demand_kw, list) else None
-
 
 class DemandMessage(Message):
     """A demand on a plant that the service controls."""
 
-    demand_kw: Demand = Field(description=_DEMAND)
+    demand_kw: NowOrForecast
     valid_for_s: Annotated[float, within(1.0, 86_400.0, "s")] = Field(
         900.0, description="Validity [s]; afterwards all set-points of the plant are cleared."
     )

@@ -73,7 +73,7 @@ class Metrics:
         if last is None:
             return generate_latest(self.registry)
         at_s, request, answer = last
-        self._demand.set(request.demand_kw)
+        self._demand.set(request.demand.now_kw)
         self._unmet.set(answer.unmet_kw)
         plan, planned = controller.plan.current, controller.calibration.planned
         self._plan_age.set(-1 if plan is None else controller.plan.slot(at_s) - plan.slot)

@@ -119,7 +119,7 @@ def _last(service: Service) -> dict[str, Any] | None:
     return {
         **{name: said[name] for name in _SHOWN},
         "time_s": at_s,
-        "demand_kw": request.demand_kw,
+        "demand_kw": request.demand.now_kw,
         "measured_kw": None if np.isnan(request.measured_kw) else request.measured_kw,
         "because": grouped(answer.reasons, in_service),
         "soc": state.soc.tolist(),
@@ -132,7 +132,7 @@ def _last(service: Service) -> dict[str, Any] | None:
         "ahead_kw": controller.ahead_kw.tolist(),
         "ahead_step_s": plan.step_s,
         "ahead_start_s": plan.slot(at_s) * plan.step_s,
-        "ahead_told": request.forecast_kw is not None,
+        "ahead_told": request.demand.forecast_kw is not None,
         "gap": None if plan.current is None else plan.current.gap,
     }
 

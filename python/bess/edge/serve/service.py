@@ -14,7 +14,7 @@ import numpy as np
 from bess.control.policies import build_policy
 from bess.edge.plant_io import Measurements
 from bess.edge.serve import LOG
-from bess.edge.serve.answer import Answer, ControlRequest
+from bess.edge.serve.answer import Answer, ControlRequest, Demand
 from bess.edge.serve.controller import Controller
 from bess.edge.serve.monitoring import History, Metrics
 from bess.edge.serve.state_store import StateStore
@@ -72,20 +72,16 @@ class Service:
         self._foreseen_kw: dict[int, float] = {}
         self._worker = ThreadPoolExecutor(1, "controller")
 
-    async def split(
-        self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
-    ) -> Answer:
+    async def split(self, measured: Measurements, demand: Demand) -> Answer:
         """Return an answer within the permitted time: the controller's, or the fallback."""
-        request = ControlRequest(measured, demand_kw, forecast_kw)
+        request = ControlRequest(measured, demand)
         work = self._worker.submit(self._decide, request)
         await asyncio.wait([asyncio.wrap_future(work)], timeout=self.controller.service.answer_within_s)
         return self._outcome(request, work)
 
-    def answer(
-        self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
-    ) -> Answer:
+    def answer(self, measured: Measurements, demand: Demand) -> Answer:
         """As :meth:`split`, for a thread that may wait."""
-        request = ControlRequest(measured, demand_kw, forecast_kw)
+        request = ControlRequest(measured, demand)
         work = self._worker.submit(self._decide, request)
         wait([work], timeout=self.controller.service.answer_within_s)
         return self._outcome(request, work)
@@ -136,9 +132,9 @@ class Service:
         try:
             answer = self.controller.step(
                 request.measured,
-                request.demand_kw,
+                request.demand.now_kw,
                 now_s,
-                forecast_kw=request.forecast_kw,
+                forecast_kw=request.demand.forecast_kw,
                 wait_s=PLAN_SHARE * self.controller.service.answer_within_s,
             )
             self._record(now_s, request, answer)
@@ -156,8 +152,8 @@ class Service:
             outcome = f"The controller had no answer within {self.controller.service.answer_within_s:g} s"
         if isinstance(outcome, str):
             status = f"{outcome}; shared by stored energy."
-            n_steps = len(request.forecast_kw or [0.0])
-            outcome = self.controller.fallback(request.measured, request.demand_kw, status, n_steps)
+            n_steps = len(request.demand.forecast_kw or [0.0])
+            outcome = self.controller.fallback(request.measured, request.demand.now_kw, status, n_steps)
             self.metrics.fallbacks.inc()
             LOG.warning(status)
             self._worker.submit(self._applied, outcome, request)
@@ -177,7 +173,7 @@ class Service:
             state = controller.valid.state
             plant = {
                 "time_s": now_s,
-                "demand_kw": request.demand_kw,
+                "demand_kw": request.demand.now_kw,
                 "request_kw": float(answer.request_kw.sum()),
                 "measured_kw": request.measured_kw,
                 "foreseen_kw": self._foreseen(now_s),
@@ -187,7 +183,7 @@ class Service:
             self.history.add(plant, state.soc, answer.request_kw)
         self.last = (now_s, request, answer)
         fields = {
-            "demand_kw": request.demand_kw,
+            "demand_kw": request.demand.now_kw,
             "request_kw": answer.request_kw.tolist(),
             "unmet_kw": answer.unmet_kw,
             "fallback": answer.fallback,
