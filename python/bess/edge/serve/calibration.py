@@ -204,8 +204,8 @@ def place(
             own_kw, others = calibration.request(now, able, float(asked_kw), dt_h)
             rest_kw = float(asked_kw - own_kw.sum())
             discharge = rest_kw > 0.0
-            weights = limits.room(state.soc, discharge) * valid.energy_kwh
-            power_kw = water_fill(abs(rest_kw), weights, able.only(others).towards(discharge))
+            left_kwh = limits.left_kwh(state.soc, valid.energy_kwh, discharge)
+            power_kw = water_fill(abs(rest_kw), left_kwh, able.only(others).towards(discharge))
             undelivered_kw = abs(rest_kw) - power_kw.sum()
             # The control model accepts requests of one sign: calibration and demand, one after the other.
             for request_kw in (power_kw if discharge else -power_kw, own_kw):

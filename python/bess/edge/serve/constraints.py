@@ -70,9 +70,9 @@ class SocLimits:
                     f"{system.nominal_kw[i]:g} kW"
                 )
 
-    def room(self, soc: Array, discharge: bool) -> Array:
-        """Remaining SOC range in one direction, ``>= 0``."""
-        return np.maximum(soc - self.floor if discharge else self.ceiling - soc, 0.0)
+    def left_kwh(self, soc: Array, energy_kwh: Array, discharge: bool) -> Array:
+        """Energy within the window in one direction, ``>= 0``."""
+        return np.maximum(soc - self.floor if discharge else self.ceiling - soc, 0.0) * energy_kwh
 
     def able(self, valid: ValidState) -> PowerCapability:
         """Capability until the next control step."""
@@ -84,7 +84,7 @@ class SocLimits:
         state = valid.worse(discharge)
         model = self._system.control_at(valid.state)
         physical = model.deliverable_kw(np.ascontiguousarray(state.soc), state.temperature_c, discharge, dt_h)
-        stored = self.room(state.soc, discharge) * valid.energy_kwh / dt_h
+        stored = self.left_kwh(state.soc, valid.energy_kwh, discharge) / dt_h
         limit = valid.discharge_kw if discharge else valid.charge_kw
         return np.maximum(np.minimum(np.minimum(physical, stored), limit), 0.0)
 

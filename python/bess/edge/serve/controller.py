@@ -188,18 +188,16 @@ class Controller(Checkpointed):
         soc = np.where(known, measured.soc, 0.5)
         energy_kwh = self.system.nominal_energy_kwh * self.ageing.soh_capacity
 
-        def left_kwh(discharge: bool) -> Array:
-            return self.soc_limits.room(soc, discharge) * energy_kwh
+        def most_kw(limit_kw: Array, discharge: bool) -> Array:
+            left_kw = self.soc_limits.left_kwh(soc, energy_kwh, discharge) * 3600.0 / self.step_s
+            most = np.minimum(np.minimum(limit_kw, self.system.nominal_kw), left_kw)
+            return np.where(known, np.maximum(np.nan_to_num(most), 0.0), 0.0)
 
-        def most_kw(discharge: bool) -> Array:
-            limit = measured.discharge_limit_kw if discharge else measured.charge_limit_kw
-            most = np.minimum(
-                np.minimum(limit, self.system.nominal_kw), left_kwh(discharge) * 3600.0 / self.step_s
-            )
-            return np.asarray(np.maximum(np.nan_to_num(np.where(known, most, 0.0)), 0.0))
-
-        able = PowerCapability(most_kw(False), most_kw(True))
-        wanted = water_fill(abs(demand_kw), left_kwh(discharge), able.towards(discharge))
+        able = PowerCapability(
+            most_kw(measured.charge_limit_kw, False), most_kw(measured.discharge_limit_kw, True)
+        )
+        left_kwh = self.soc_limits.left_kwh(soc, energy_kwh, discharge)
+        wanted = water_fill(abs(demand_kw), left_kwh, able.towards(discharge))
         before_kw = np.where(known, self._set_kw(measured, self.drives or self.watches), 0.0)
         limits = set_point_range(able, before_kw, self._ramp_kw)
         request = share(demand_kw, wanted, wanted > 0.0, limits, self.soc_limits.minimum_kw)

@@ -112,8 +112,8 @@ def _last(service: Service) -> dict[str, Any] | None:
     in_service, state = answer.in_service, valid.state
 
     def left_kwh(discharge: bool) -> float:
-        room = controller.soc_limits.room(valid.worse(discharge).soc, discharge)
-        return float((room * valid.energy_kwh)[in_service].sum())
+        each_kwh = controller.soc_limits.left_kwh(valid.worse(discharge).soc, valid.energy_kwh, discharge)
+        return float(each_kwh[in_service].sum())
 
     said = answer.document()
     return {
