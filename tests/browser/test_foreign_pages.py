@@ -17,6 +17,7 @@ pytest.importorskip("fastapi")
 
 from test_live_page import served
 
+from bess.edge.plant_io.journal import Journal
 from bess.edge.serve.control_loop import ControlLoop, Demands
 from bess.edge.serve.service import Service
 from bess.study import load_study
@@ -63,7 +64,8 @@ def demands(tmp_path: Path) -> Iterator[tuple[Demands, str]]:
     study = load_study("policies", {"policy.name": "mpc", "policy.foresight_h": 2.0, "demand.repeat": False})
     service = Service(study, tmp_path / "state")
     demands = Demands(study, 900.0)
-    driven = ControlLoop(service, NoLink(), demands, address="a plant")  # type: ignore[arg-type]
+    journal = Journal(tmp_path / "state", service.controller.system, "test")
+    driven = ControlLoop(service, NoLink(), demands, journal, address="a plant")  # type: ignore[arg-type]
     for page in served(service, None, driven):
         yield demands, page
     service.close()

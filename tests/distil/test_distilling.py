@@ -5,13 +5,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bess
 from bess.control.explicit import ExplicitController
 from bess.control.policies.distilled import DistilledPolicy
 from bess.edge.distil import distil
-from bess.edge.distil.distillation import RULES, report, trials
+from bess.edge.distil.distillation import RULES, Evaluation, report, trials
 from bess.edge.distil.training import TrainingCase, TrainingSet, first_weights
 from bess.errors import InputError
 from bess.simulation import runner
@@ -157,6 +158,12 @@ def test_a_file_that_is_no_controller_is_refused_with_what_to_do(
         with pytest.raises(InputError, match=r"spoiled\.json"):
             bess.run(_using(study, path), progress=False)
             pytest.fail(name)
+
+
+def test_a_plant_that_loses_nothing_has_no_share_of_savings() -> None:
+    nothing = dict.fromkeys([*RULES, "mpc", "distilled"], (0.0, 0.0))
+    scores = pd.DataFrame.from_dict(nothing, "index", columns=["lost_kwh", "cost_kwh"])
+    assert Evaluation("no demand", scores).kept("lost_kwh") is None
 
 
 def test_the_command_writes_a_controller_and_says_what_was_lost(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from plant_partners import STEP_S, Connecting, N, Partner, Rig, Watched
 
+from bess.edge.plant_io.journal import Journal
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
 from bess.edge.serve.control_loop import ControlLoop, Demands
 from bess.edge.serve.service import Service
@@ -33,8 +34,10 @@ def other(
     service = Service(study, tmp_path / "other")
     service.clock = rig.service.clock  # type: ignore[method-assign]
     demands = Demands(study, 900.0)
-    cycle = ControlLoop(service, connecting(partner.address), demands, monotonic=watched.clock)
+    journal = Journal(tmp_path / "other", service.controller.system, "other")
+    cycle = ControlLoop(service, connecting(partner.address), demands, journal, monotonic=watched.clock)
     yield cycle, demands, service
+    journal.close()
     service.close()
 
 

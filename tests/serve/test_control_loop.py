@@ -75,8 +75,14 @@ class Driven:
         self.service.clock = lambda: self.now_s  # type: ignore[assignment]
         self.link = Link()
         self.demands = Demands(study, 900.0)
+        self.journal = Journal(folder, self.service.controller.system, "test")
         self.cycle = ControlLoop(
-            self.service, self.link, self.demands, shadow=shadow, monotonic=lambda: self.now_s
+            self.service,
+            self.link,
+            self.demands,
+            self.journal,
+            shadow=shadow,
+            monotonic=lambda: self.now_s,
         )
 
     def steps(self, n: int) -> Any:
@@ -176,11 +182,10 @@ def test_set_points_are_written_again_before_they_lapse(driven: Driven) -> None:
 
 def test_a_shadow_writes_nothing_and_keeps_a_journal(tmp_path: Path) -> None:
     made = Driven(tmp_path / "state", shadow=True)
-    made.cycle._journal = Journal(tmp_path / "state", made.service.controller.system, "test")
     made.demands.post(80.0, 1000.0, made.now_s)
     made.link.power_kw = np.array([10.0, 70.0])  # somebody else drives
     answer = made.steps(20)
-    made.cycle._journal.close()
+    made.journal.close()
     made.service.close()
     assert made.link.written == []
     assert made.link.released == 0
@@ -192,13 +197,11 @@ def test_a_shadow_writes_nothing_and_keeps_a_journal(tmp_path: Path) -> None:
 
 
 def test_a_gap_in_the_journal_is_told(driven: Driven, tmp_path: Path) -> None:
-    journal = Journal(tmp_path / "state", driven.service.controller.system, "test")
-    driven.cycle._journal = journal
     app = driven.cycle
     driven.demands.post(80.0, 1000.0, driven.now_s)
     driven.steps(1)
     assert "status" not in app.health(with_details=True)
-    journal._close_day()
+    driven.journal._close_day()
     folder = (tmp_path / "state" / "journal").rename(tmp_path / "elsewhere")
     driven.steps(1)
     assert app.health(with_details=True)["status"] == "impaired"
@@ -207,7 +210,7 @@ def test_a_gap_in_the_journal_is_told(driven: Driven, tmp_path: Path) -> None:
     folder.rename(tmp_path / "state" / "journal")
     driven.steps(1)
     assert "status" not in app.health(with_details=True)
-    journal.close()
+    driven.journal.close()
 
 
 def test_a_forecast_that_was_posted_moves_on_with_time(driven: Driven) -> None:

@@ -48,9 +48,8 @@ class Evaluation:
     def kept(self, measure: str) -> float | None:
         """Share of the savings of ``mpc`` over the best rule; None if these are negligible."""
         rule, planned, own = self.scores.loc[[self.best_rule(measure), "mpc", "distilled"], measure].tolist()
-        return (
-            None if rule - planned < MIN_RELATIVE_SAVINGS * rule else float((rule - own) / (rule - planned))
-        )
+        savings = rule - planned
+        return None if savings <= MIN_RELATIVE_SAVINGS * rule else float((rule - own) / savings)
 
 
 def trials(study: Study, controller: ExplicitController) -> Iterator[Evaluation]:

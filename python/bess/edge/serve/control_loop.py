@@ -94,7 +94,7 @@ class ControlLoop:
         service: Service,
         link: PlantLink,
         demands: Demands,
-        journal: Journal | None = None,
+        journal: Journal,
         *,
         address: str = "",
         shadow: bool = False,
@@ -159,8 +159,7 @@ class ControlLoop:
                 self._refresh()
         self._release("the service has ended")
         self._link.close()
-        if self._journal is not None:
-            self._journal.close()
+        self._journal.close()
 
     def stop(self) -> None:
         """End :meth:`run` as soon as possible."""
@@ -180,11 +179,10 @@ class ControlLoop:
             return None
         answer = service.answer(measured, demand)
         written = None if self._shadow or self._stop.is_set() else self._write(measured, answer)
-        if self._journal is not None:
-            self._journal.append(measured, demand.now_kw, answer.request_kw, written)
-            if self._journal.error and self._journal.error != self.journal_trouble:
-                LOG.warning(self._journal.error)
-            self.journal_trouble = self._journal.error
+        self._journal.append(measured, demand.now_kw, answer.request_kw, written)
+        if self._journal.error and self._journal.error != self.journal_trouble:
+            LOG.warning(self._journal.error)
+        self.journal_trouble = self._journal.error
         if self._shadow:
             self.trouble = ""
         return answer
