@@ -48,7 +48,7 @@ def run(demand_kw: Array, start: int | None = None, *, planned: bool = False) ->
         )
         answer = live.step(reading, float(demand_kw[k]), STEP_S * k, forecast_kw=demand_kw[k : k + DAY])
         if live.calibration.planned is not None and np.isnan(expected_kwh):
-            expected_kwh = live.calibration.planned[2]
+            expected_kwh = live.calibration.planned.cost_kwh
         flows = plant.step(answer.request_kw, step_s=STEP_S)
         power_kw = flows.delivered_kw
         undelivered_kw = abs(demand_kw[k] - power_kw.sum())

@@ -40,6 +40,7 @@ def test_ports_that_are_not_named_are_those_of_the_protocol() -> None:
         "sunspec=http://127.0.0.1",
         "sunspec=127.0.0.1?ess=1",
         "sunspec=a..b",
+        "sunspec=user:word@127.0.0.1",
     ],
 )
 def test_a_typo_is_one_sentence_that_shows_how_to_write_it(text: str) -> None:

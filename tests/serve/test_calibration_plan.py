@@ -9,7 +9,7 @@ from live_cases import controller, measured
 import bess
 from bess.checkpoints import from_json, to_json
 from bess.edge.serve import calibration
-from bess.edge.serve.calibration import Calibration, place
+from bess.edge.serve.calibration import Calibration, PlannedCalibration, place
 from bess.edge.serve.constraints import SocLimits
 from bess.edge.serve.measurement_validator import ValidState
 from bess.errors import InputError
@@ -101,7 +101,7 @@ def test_after_a_search_that_fails_the_next_step_of_the_plan_begins_another(
     searched(2.0 * DAY_S)  # the same step of the plan: a failing search must not take all computing time
     assert plans.planned is None
     searched(2.0 * DAY_S + 900.0)
-    assert plans.planned == [0, 2.0 * DAY_S + 900.0, 1.0]
+    assert plans.planned == PlannedCalibration(0, 2.0 * DAY_S + 900.0, 1.0)
     assert plans.search.error == ""
 
 
@@ -144,7 +144,7 @@ def test_a_plant_of_one_string_has_no_period() -> None:
 
 def test_a_time_planned_with_a_period_is_forgotten_without_one() -> None:
     before = controller(2, policy="soc", control_step_s=900.0, calibration_days=1.5)
-    before.calibration.planned = [1, 3600.0, 0.2]
+    before.calibration.planned = PlannedCalibration(1, 3600.0, 0.2)
     live = controller(2, policy="soc", control_step_s=900.0)
     live.load_state_dict(from_json(to_json(before.state_dict())))
     live.step(measured([0.5, 0.5]), 0.0, 900.0)

@@ -67,6 +67,8 @@ def parse_address(text: str) -> Address:
         raise refuse(f"{why}{as_in}") from None
     if parts.scheme not in schemes:
         raise refuse(f"{parts.scheme}:// is not among {', '.join(schemes)}{as_in}")
+    if kind == "sunspec" and parts.username is not None:
+        raise refuse(f"Modbus has no users{as_in}")
     if not parts.hostname or port == 0 or parts.path not in ("", "/") or parts.fragment:
         raise refuse(f"names no host, or something behind it{as_in}")
     options = dict(parse_qsl(parts.query, keep_blank_values=True))

@@ -123,6 +123,4 @@ def _place(name: str, address: Address) -> tuple[str, int, int]:
     if not at:
         return address.host, address.port, int(unit)
     place = parse_address(f"sunspec={elsewhere}")
-    if place.user is not None:
-        raise ValueError(name)
     return place.host, place.port, int(unit)

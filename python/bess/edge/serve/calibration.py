@@ -7,8 +7,8 @@ cost (:func:`place`) within the last day before it is due. A string that was ful
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -35,6 +35,15 @@ _FULL: Final = 0.005
 _DAY_S: Final = 86_400.0
 
 
+@dataclass(frozen=True)
+class PlannedCalibration:
+    """The next string, the start by the controller's clock, and the expected cost."""
+
+    string: int
+    start_s: float
+    cost_kwh: float
+
+
 class Calibration(Checkpointed):
     """Charges one string at a time, and plans the next calibration.
 
@@ -44,13 +53,14 @@ class Calibration(Checkpointed):
     ----------
     string : int or None
         String that is being charged to ``target_soc``.
-    planned : list or None
-        Next string, start [s of the controller's clock] and cost [kWh].
+    planned : PlannedCalibration or None
+        The next calibration, once its time is found.
     full_s : ndarray, shape (n_strings,)
         Time when each string was last full; initially spread over the period.
     """
 
     _carried = ("string", "target_soc", "planned", "full_s")
+    _classes: ClassVar = {"planned": PlannedCalibration}
 
     def __init__(
         self,
@@ -69,7 +79,7 @@ class Calibration(Checkpointed):
             raise InputError("service.calibration_days: there is no other string to carry the load")
         self.string: int | None = None
         self.target_soc = 1.0
-        self.planned: list[float] | None = None
+        self.planned: PlannedCalibration | None = None
         self.full_s: Array = np.full(system.n_strings, np.nan)
         self.search = Background[tuple[int, float]](pool, "the search for the next calibration")
         # String and begin of the last search.
@@ -110,18 +120,18 @@ class Calibration(Checkpointed):
             self.full_s, self.planned = np.minimum(self.full_s, now_s), None
         is_full = valid.in_service & (valid.soc_low >= self._limits.full - _FULL)
         self.full_s = np.where(is_full, now_s, self.full_s)
-        if self.planned is not None and is_full[int(self.planned[0])]:
+        if self.planned is not None and is_full[self.planned.string]:
             self.planned = None
         if self.string is not None and valid.in_service[self.string]:
             return  # one that is out of service waits, and loses its turn to the next one that is due
         if self.planned is not None:
-            if now_s >= self.planned[1]:
-                string, self.planned = int(self.planned[0]), None
+            if now_s >= self.planned.start_s:
+                string, self.planned = self.planned.string, None
                 if valid.in_service[string]:
                     self.string, self.target_soc = string, float(self._limits.full[string])
         elif self._searched is not None and (found := self.search.collect()) is not None:
             string, began_s = self._searched
-            self.planned = [string, began_s + found[0] * self._plan_s, found[1]]
+            self.planned = PlannedCalibration(string, began_s + found[0] * self._plan_s, found[1])
         elif not self.search.is_busy:
             self._look_ahead(now_s, valid, day_kw)
 

@@ -77,7 +77,7 @@ class Metrics:
         self._unmet.set(answer.unmet_kw)
         plan, planned = controller.plan.current, controller.calibration.planned
         self._plan_age.set(-1 if plan is None else controller.plan.slot(at_s) - plan.slot)
-        self._cost.set(np.nan if planned is None else planned[2])
+        self._cost.set(np.nan if planned is None else planned.cost_kwh)
         for metric, values_of in self._strings:
             values = values_of(controller, answer)
             for i, value in enumerate(() if values is None else values):

@@ -80,7 +80,6 @@ def live(service: Service, span: str) -> dict[str, Any]:
     """Plant, demand and strings of the last answer, and the history of one of :data:`.monitoring.SPANS`."""
     controller, calibration = service.controller, service.controller.calibration
     planned, due_s = calibration.planned, calibration.due_s()
-    names = ("string", "start_s", "cost_kwh")
     errors = (service.memory.error, controller.plan.making.error, calibration.search.error)
     return {
         "study": service.name,
@@ -94,7 +93,7 @@ def live(service: Service, span: str) -> dict[str, Any]:
         "notes": [note for note in (*service.notes, *errors) if note],
         "calibration": {
             "string": calibration.string,
-            "next": None if planned is None else dict(zip(names, planned, strict=True)),
+            "next": None if planned is None else vars(planned),
             "due_s": None if due_s is None or np.isnan(due_s).any() else due_s.tolist(),
         },
         "history": service.history.document(span),
