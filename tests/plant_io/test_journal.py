@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -37,10 +38,10 @@ def _said(second: float, power_kw: float = 10.0) -> Measurements:
 
 def test_what_is_appended_is_what_is_read_over_midnight_and_restarts(tmp_path: Path) -> None:
     assert not is_journal(tmp_path)
-    with Journal(tmp_path, SYSTEM, "a plant") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "a plant")) as journal:
         for second in range(0, 15, 5):
             journal.append(_said(second, power_kw=second), 78.0, [50.0, 28.0], [50.0, 27.0])
-    with Journal(tmp_path, SYSTEM, "a plant") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "a plant")) as journal:
         journal.append(_said(15), -78.0, [-50.0, -28.0])
         assert journal.error == ""
     assert is_journal(tmp_path)
@@ -60,7 +61,7 @@ def test_what_is_appended_is_what_is_read_over_midnight_and_restarts(tmp_path: P
 
 
 def test_a_clock_that_was_set_back_leaves_times_that_rise(tmp_path: Path) -> None:
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         for second, power in ((0, 1), (10, 2), (5, 3), (10, 4), (20, 5)):
             journal.append(_said(second, power), 0.0, [0.0, 0.0])
     data = open_journal(tmp_path)
@@ -69,20 +70,20 @@ def test_a_clock_that_was_set_back_leaves_times_that_rise(tmp_path: Path) -> Non
 
 
 def test_a_torn_record_is_not_read_and_not_continued(tmp_path: Path) -> None:
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         journal.append(_said(0), 1.0, [0.0, 0.0])
     (file,) = (tmp_path / "journal").iterdir()
     with file.open("ab") as torn:
         torn.write(b"half a record")
     assert open_journal(tmp_path).sizes["time"] == 1
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         journal.append(_said(1), 2.0, [0.0, 0.0])
     assert open_journal(tmp_path)["demand_kw"].values.tolist() == [1.0, 2.0]
 
 
 def test_a_full_disk_stops_nobody_and_costs_only_what_it_must(tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         journal.append(_said(0), 0.0, [0.0, 0.0])
         (file,) = (tmp_path / "journal").iterdir()
         resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 20, hard))  # a part of the next fits
@@ -98,7 +99,7 @@ def test_a_full_disk_stops_nobody_and_costs_only_what_it_must(tmp_path: Path) ->
 
 
 def test_a_folder_that_vanished_is_an_error_that_passes(tmp_path: Path) -> None:
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         journal.append(_said(0), 0.0, [0.0, 0.0])
         journal._close_day()
         shutil.rmtree(tmp_path / "journal")
@@ -111,7 +112,7 @@ def test_a_folder_that_vanished_is_an_error_that_passes(tmp_path: Path) -> None:
 
 def test_days_take_no_more_than_they_may_and_what_is_left_is_read(tmp_path: Path) -> None:
     max_mb, n_days, day_s = 0.02, 150, 86_400.0
-    with Journal(tmp_path, SYSTEM, "", max_mb) as journal:
+    with closing(Journal(tmp_path, SYSTEM, "", max_mb)) as journal:
         for day in range(n_days):
             for second in range(10):
                 journal.append(_said(day * day_s + 10.0 + second), float(day), [0.0, 0.0])
@@ -127,14 +128,14 @@ def test_days_take_no_more_than_they_may_and_what_is_left_is_read(tmp_path: Path
 
 
 def test_days_that_a_killed_process_left_unpacked_are_read_and_packed(tmp_path: Path) -> None:
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         journal.append(_said(0), 1.0, [0.0, 0.0])
     folder = tmp_path / "journal"
     (file,) = folder.iterdir()
     full = file.rename(folder / "2026-11-21.0.full")
     (folder / "2026-11-21.0.gz.tmp").write_bytes(b"half")
     assert open_journal(tmp_path).sizes["time"] == 1
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         journal.append(_said(5), 2.0, [0.0, 0.0])  # the clock was set back to that day
         journal.append(_said(86_400), 3.0, [0.0, 0.0])
     names = sorted(path.name for path in folder.iterdir())
@@ -146,7 +147,7 @@ def test_days_that_a_killed_process_left_unpacked_are_read_and_packed(tmp_path: 
 
 
 def test_a_packed_day_that_is_damaged_is_named(tmp_path: Path) -> None:
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         journal.append(_said(0), 1.0, [0.0, 0.0])
         journal.append(_said(60), 1.0, [0.0, 0.0])
     (packed,) = (tmp_path / "journal").glob("*.gz")
@@ -204,5 +205,5 @@ def test_what_is_no_journal_is_bad_input(tmp_path: Path) -> None:
         (tmp_path / "journal.json").write_text(content)
         with pytest.raises(InputError, match=r"journal.json: is damaged"):
             open_journal(tmp_path)
-    with Journal(tmp_path / "journal.json", SYSTEM, "") as nowhere:
+    with closing(Journal(tmp_path / "journal.json", SYSTEM, "")) as nowhere:
         assert "cannot be written (File exists)" in nowhere.error or "Not a directory" in nowhere.error

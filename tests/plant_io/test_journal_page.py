@@ -1,5 +1,6 @@
 """The page of a journal: sums and means from every reading, and gaps that stay gaps."""
 
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -33,7 +34,7 @@ def _append(
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    with Journal(tmp_path, SYSTEM, "A plant that was watched") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "A plant that was watched")) as journal:
         for second in range(0, 7200, 10):
             if not 3000 <= second < 3600:
                 _append(journal, second, [20.0, 20.0 if second < 5400 else np.nan], [40.0, 0.0])
@@ -53,7 +54,7 @@ def test_bins_are_means_and_leave_gaps_open(folder: Path) -> None:
 
 
 def test_a_day_of_seconds_becomes_few_bins_with_the_same_mean(tmp_path: Path) -> None:
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         for second in range(20_000):
             _append(journal, second, [float(second % 50), 0.0], [0.0, 0.0])
     journal_ = open_journal(tmp_path)
@@ -63,7 +64,7 @@ def test_a_day_of_seconds_becomes_few_bins_with_the_same_mean(tmp_path: Path) ->
 
 
 def test_losses_are_those_of_the_control_model_where_both_serve_the_same_demand(tmp_path: Path) -> None:
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         for second in range(0, 3600, 10):
             _append(journal, second, [20.0, 20.0], [40.0, 0.0])
         for second in range(3600, 5400, 10):
@@ -93,7 +94,7 @@ def test_the_page_says_what_was_watched_and_what_was_missing(folder: Path) -> No
 
 
 def test_a_journal_of_many_megawatts_has_plain_numbers(tmp_path: Path) -> None:
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         for second in range(0, 3600, 10):
             _append(journal, second, [50_000.0, 20_000.0], [75_000.0, 0.0])
     page = write_journal_report(tmp_path).read_text(encoding="utf-8")
@@ -112,6 +113,6 @@ def test_report_and_export_know_a_journal(folder: Path) -> None:
 
 
 def test_a_journal_of_one_reading_is_shown(tmp_path: Path) -> None:
-    with Journal(tmp_path, SYSTEM, "") as journal:
+    with closing(Journal(tmp_path, SYSTEM, "")) as journal:
         _append(journal, 0, [np.nan, np.nan], [0.0, 0.0])
     assert write_journal_report(tmp_path).exists()

@@ -13,6 +13,7 @@ import random
 import shutil
 import zipfile
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -201,7 +202,7 @@ def finished_sweep(folder: Path) -> None:
 
 
 def journal(folder: Path) -> None:
-    with Journal(folder, SYSTEM, "a plant") as kept:
+    with closing(Journal(folder, SYSTEM, "a plant")) as kept:
         for second in range(40):
             values = np.array([0.5, 0.6])
             kept.append(

@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import fields
 from datetime import UTC
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, BinaryIO, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, BinaryIO, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -222,12 +222,6 @@ class Journal:
             if total > self._max_bytes:
                 path.unlink(missing_ok=True)
                 total -= size
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
 
 def _files(directory: Path) -> list[Path]:
