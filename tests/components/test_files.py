@@ -97,6 +97,13 @@ def test_broken_inverter_files_are_named_with_their_row(tmp_path: Path, text: st
         read_inverter(path, nominal_kw=1.0)
 
 
+def test_a_bad_cell_of_a_list_of_inverters_is_named_with_its_row(tmp_path: Path) -> None:
+    path = tmp_path / "list.csv"
+    path.write_text(",Paco,Pdco,Vdco,Pso,C0,C1,C2,C3,Pnt\nA,50,55,480,1,0,0,0,0,0\nB,50,x,480,1,0,0,0,0,0\n")
+    with pytest.raises(bess.InputError, match=r"list\.csv: row 2 of column 'Pdco' is 'x'"):
+        read_inverter(path, model="B")
+
+
 def test_a_decimal_comma_table_in_percent_is_read(tmp_path: Path) -> None:
     path = tmp_path / "inverter.csv"
     path.write_text("Leistung;Charging;Discharging\n0;0;0\n0,5;97,5;98\n1,0;96,0;96,5\n")

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from bess.errors import InputError
-from bess.system.components.columns import Columns, numbers, read_columns
-from bess.system.components.loss_table import LossTable, table_from_curves
+from bess.system.components.columns import Columns, columns_of, number, numbers
+from bess.system.components.loss_table import Curve, LossTable, table_from_curves
 from bess.system.components.losses import Axis, PowerUnit, inverter_from_efficiency, inverter_from_sandia
+from bess.units import WATTS_PER_KW
 
 _MAX_ERROR = 5e-5
 _SANDIA = {
@@ -67,17 +68,14 @@ def read_inverter(
     InputError
         If the file has none of these shapes, names several models, or holds values that no inverter can have.
     """
-    columns = read_columns(path)
-    try:
+    with columns_of(path) as columns:
         if columns.keys() >= _SANDIA.keys():
             row = _row_of(columns, model)
-            values = {ours: _cell(path, columns, name, row) for name, ours in _SANDIA.items()}
+            values = {ours: number(columns, name, row) for name, ours in _SANDIA.items()}
             return inverter_from_sandia(**values, max_error=max_error)
         if columns.keys() >= {*_BSLIB}:
-            return _from_bslib_row(path, columns, _row_of(columns, model), max_error)
-        return _from_plain(path, columns, nominal_kw, power_unit, axis, max_error)
-    except InputError as error:
-        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
+            return _from_bslib_row(columns, _row_of(columns, model), max_error)
+        return _from_plain(columns, nominal_kw, power_unit, axis, max_error)
 
 
 def _row_of(columns: Columns, model: str | None) -> int:
@@ -95,35 +93,30 @@ def _row_of(columns: Columns, model: str | None) -> int:
     return names.index(found[0])
 
 
-def _cell(path: str | Path, columns: Columns, name: str, row: int, *, gaps: bool = False) -> float:
-    return float(numbers(path, {name: columns[name][row : row + 1]}, name, gaps=gaps)[0])
-
-
-def _from_bslib_row(path: str | Path, columns: Columns, row: int, max_error: float) -> LossTable:
+def _from_bslib_row(columns: Columns, row: int, max_error: float) -> LossTable:
     """Loss ``a x**2 + b x + c`` [W] over AC power ``x`` / the direction's nominal AC power."""
-    value = partial(_cell, path, columns, row=row, gaps=True)
-    nominal_w = {"AC2BAT": value("P_AC2BAT_in [W]"), "BAT2AC": value("P_BAT2AC_out [W]")}
-    if not nominal_w["BAT2AC"] > 0.0 or nominal_w["AC2BAT"] <= 0.0:
+    value = partial(number, columns, row=row, gaps=True)
+    charge_w, discharge_w = value("P_AC2BAT_in [W]"), value("P_BAT2AC_out [W]")
+    if not discharge_w > 0.0 or charge_w <= 0.0:
         raise InputError(f"{columns['ID'][row]!r} has no battery inverter (no BAT2AC values)")
-    nominal = float(np.nanmin(list(nominal_w.values())))
+    nominal_w = float(np.nanmin([charge_w, discharge_w]))
     load = np.linspace(0.0, 1.0, 201)
-    curves = {}
-    for path_name, side in (("AC2BAT", "in"), ("BAT2AC", "out")):
-        a, b, c = (value(f"{path_name}_{letter}_{side}") for letter in "abc")
-        if np.isfinite([a, b, c]).all():
-            x = load * nominal / nominal_w[path_name]
-            curves[path_name] = (load, (a * x * x + b * x + c) / nominal)
+
+    def curve(column: str, direction_w: float) -> Curve | None:
+        a, b, c = (value(column.format(letter)) for letter in "abc")
+        x = load * nominal_w / direction_w
+        return (load, (a * x * x + b * x + c) / nominal_w) if np.isfinite([a, b, c]).all() else None
+
     return table_from_curves(
-        curves.get("AC2BAT"),
-        curves.get("BAT2AC"),
-        nominal_kw=nominal / 1000.0,
+        curve("AC2BAT_{}_in", charge_w),
+        curve("BAT2AC_{}_out", discharge_w),
+        nominal_kw=nominal_w / WATTS_PER_KW,
         off_loss=0.0,
         max_error=max_error,
     )
 
 
 def _from_plain(
-    path: str | Path,
     columns: Columns,
     nominal_kw: float | None,
     power_unit: PowerUnit | None,
@@ -144,15 +137,15 @@ def _from_plain(
             )
         others, discharging = list(columns)[:1], list(columns)[1:]
     rows = len(next(iter(columns.values())))
-    power = numbers(path, columns, others[0]) if others else np.linspace(0.0, 1.0, rows)
+    power = numbers(columns, others[0]) if others else np.linspace(0.0, 1.0, rows)
     if power_unit is None:
         if not power.max() <= 1.2:
             raise InputError(f"power reaches {power.max():g}; give power_unit (fraction, percent, kw or w)")
         power_unit = "fraction"
     return inverter_from_efficiency(
         power,
-        charge=numbers(path, columns, charging[0], gaps=True) if charging else None,
-        discharge=numbers(path, columns, discharging[0], gaps=True) if discharging else None,
+        charge=numbers(columns, charging[0], gaps=True) if charging else None,
+        discharge=numbers(columns, discharging[0], gaps=True) if discharging else None,
         nominal_kw=nominal_kw,
         power_unit=power_unit,
         axis=axis,
