@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bess.market import extended
+from bess.market import extended, over_years
 
 
 def stamped(first: str, last: str) -> pd.Series:
@@ -47,3 +47,9 @@ def test_less_than_a_year_follows_in_whole_days() -> None:
 def test_a_series_that_is_long_enough_stays_as_it_is() -> None:
     series = stamped("2024-01-01", "2024-02-01")
     assert extended(series, datetime(2024, 1, 20, tzinfo=UTC)) is series
+
+
+def test_a_typical_year_with_a_29_february_keeps_it() -> None:
+    series = stamped("2024-01-01", "2025-01-01")
+    laid = over_years(series, datetime(2023, 1, 1, tzinfo=UTC), datetime(2029, 1, 1, tzinfo=UTC))
+    np.testing.assert_array_equal(laid, stamped("2023-01-01", "2029-01-01 02:00"))

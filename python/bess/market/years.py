@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from bess.market.columns import Columns
 from bess.market.files import Repairs
@@ -31,7 +32,9 @@ def on_one_year(columns: Columns, repairs: Repairs) -> tuple[Columns, bool]:
 
 
 def over_years(series: pd.Series, first: datetime, last: datetime) -> pd.Series:
-    """Repeat a typical year over the time from `first` to `last` (UTC); 29 February is like the day before.
+    """Repeat a typical year over the time from `first` to `last` (UTC), on the same days of the calendar.
+
+    Where the year has no 29 February, that day is like the 28th.
 
     Parameters
     ----------
@@ -49,14 +52,8 @@ def over_years(series: pd.Series, first: datetime, last: datetime) -> pd.Series:
     year = series.index[len(series) // 2].year
     start = series.index[0] + (pd.Timestamp(first) - series.index[0]) // step * step
     index = pd.date_range(start, pd.Timestamp(last) + step, freq=step)
-    leap_day = np.asarray((index.month == 2) & (index.day == 29))
-    twin = index - pd.to_timedelta(leap_day.astype(int), unit="D")
-    since = twin.tz_localize(None) - twin.tz_localize(None).to_period("Y").to_timestamp()
-    leap_days = int(pd.Timestamp(year, 1, 1).is_leap_year) - twin.is_leap_year.astype(int)
-    since += pd.to_timedelta(np.where(twin.month > 2, leap_days, 0), unit="D")
-    offset = (pd.Timestamp(year, 1, 1, tz="UTC") + since - series.index[0]) // step
-    values = series.to_numpy()[np.asarray(offset) % len(series)]
-    return pd.Series(values, index=index, name=series.name)
+    place = (_years_before(index, index.year - year) - series.index[0]) // step
+    return pd.Series(series.to_numpy()[place % len(series)], index=index, name=series.name)
 
 
 def extended(series: pd.Series, end: datetime) -> pd.Series:
@@ -83,23 +80,22 @@ def extended(series: pd.Series, end: datetime) -> pd.Series:
     last = series.index[-1] + step
     if last >= pd.Timestamp(end):
         return series
-    year = pd.DateOffset(years=1)
-    if last - year < series.index[0]:
+    year, index = pd.DateOffset(years=1), pd.date_range(last, end, freq=step, inclusive="left")
+    if last - year >= series.index[0]:
+        begins = pd.DatetimeIndex([last + k * year for k in range(index[-1].year - last.year + 1)])
+        place = series.index.get_indexer(_years_before(index, begins.searchsorted(index, side="right")))
+    else:
         days = (last - series.index[0]) // pd.Timedelta(days=1)
         if days < 1:
             return series
-        index = pd.date_range(last, end, freq=step, inclusive="left")
-        per_period = pd.Timedelta(days=days) // step
-        offset = (index - series.index[0]) // step % per_period
-        following = [pd.Series(series.to_numpy()[offset], index=index)]
-    else:
-        following, years = [], 0
-        while (begin := last + years * year) < pd.Timestamp(end):
-            years += 1
-            stop = min(last + years * year, pd.Timestamp(end))
-            index = pd.date_range(begin, stop, freq=step, inclusive="left")
-            source = series.index.get_indexer(index - years * year)
-            following.append(pd.Series(series.to_numpy()[source], index=index))
-    longer: pd.Series = pd.concat([series, *following]).rename(series.name)
+        place = (index - series.index[0]) // step % (pd.Timedelta(days=days) // step)
+    longer: pd.Series = pd.concat([series, pd.Series(series.to_numpy()[place], index)]).rename(series.name)
     longer.index.name, longer.attrs = series.index.name, series.attrs
     return longer
+
+
+def _years_before(index: pd.DatetimeIndex, years: ArrayLike) -> pd.DatetimeIndex:
+    """Return each time so many `years` earlier, which ascend; 29 February becomes the 28th if need be."""
+    of_each = [index[years == k] - pd.DateOffset(years=k) for k in np.unique(years)]
+    earlier: pd.DatetimeIndex = of_each[0].append(of_each[1:])
+    return earlier
