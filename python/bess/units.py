@@ -2,7 +2,9 @@
 
 from typing import Final
 
+SECONDS_PER_MINUTE: Final = 60.0
 SECONDS_PER_HOUR: Final = 3600.0
+SECONDS_PER_DAY: Final = 86_400
 WATTS_PER_KW: Final = 1000.0
 KWH_PER_MWH: Final = 1000.0
 PERCENT: Final = 100.0

@@ -159,7 +159,7 @@ def read_profile(
         chosen = columns.choose(column, "power")
         _check_unit(chosen, unit)
         rows = columns.rows(chosen, time_zone, repairs, may_label_ends=True)
-        series = regular(rows, fill, repairs, bridged_s=0)
+        series = regular(rows, fill, repairs, bridged_h=0.0)
     power = _resampled(str(path), series, dt_h) * (_SIGN[positive] * _FACTORS[unit] * scale)
     power = power.rename("demand_kw")
     power.attrs = {"units": "kvar" if unit in _TO_KVAR else "kW", "repairs": repairs}

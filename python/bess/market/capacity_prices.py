@@ -11,13 +11,13 @@ from bess.market.files import Repairs, fail, first_line, listed, reading
 from bess.market.numbers import parse_numbers
 from bess.market.regular import regular
 from bess.market.table import Table, read_table
+from bess.units import HOURS_PER_DAY
 
 _CLOCK: Final = "Europe/Berlin"
 _PRICE: Final = "_SETTLEMENTCAPACITY_PRICE_[EUR/MW]"
 _BLOCK: Final = r"^NEGPOS(?:_(\d\d)_(\d\d))?$"
 _TENDER: Final = "1"
 """Number of the regular tender of the day before; higher numbers are repeated tenders."""
-_DAY_S: Final = 86_400
 
 
 def read_capacity_prices(
@@ -112,7 +112,7 @@ def _spans(table: Table, wanted: pd.Series) -> pd.DataFrame:
 
 def _plain(columns: Columns, country: str, time_zone: str | None, repairs: Repairs) -> pd.Series:
     chosen = columns.choose(country if len(columns.names) > 1 else None, "price of capacity")
-    series = regular(columns.rows(chosen, time_zone, repairs), None, repairs, max_step_s=_DAY_S)
+    series = regular(columns.rows(chosen, time_zone, repairs), None, repairs, max_step_h=HOURS_PER_DAY)
     hours, rest = divmod(series.index[1] - series.index[0], pd.Timedelta(hours=1))
     if not hours or rest:
         minutes = (series.index[1] - series.index[0]) / pd.Timedelta(minutes=1)

@@ -14,8 +14,19 @@ import pandas as pd
 from bess.market.files import Repairs, fail, first_line, listed
 from bess.market.numbers import check_size, parse_numbers
 from bess.market.table import Ending, Table, read_table
-from bess.market.times import YEARS, clock_of, ends_day, have_offsets, in_utc, is_time, parse_times, to_utc
+from bess.market.times import (
+    YEARS,
+    clock_of,
+    ends_day,
+    have_offsets,
+    in_utc,
+    is_time,
+    offset_label,
+    parse_times,
+    to_utc,
+)
 from bess.optional_dependencies import extra
+from bess.units import SECONDS_PER_HOUR
 
 _CLOCK_CELL: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?")
 _UNIT: Final = re.compile(r"\s*[\[(].*?[\])]")
@@ -26,7 +37,7 @@ _NAMED_CLOCK: Final = re.compile(
 _CLOCKS: Final = {"UTC": "UTC", "GMT": "UTC", "WET": "Europe/Lisbon", "EET": "Europe/Helsinki"}
 _BRUSSELS: Final = "Europe/Brussels"
 """Clock of both ``CET`` and ``CET/CEST``."""
-_OFFSETS: Final = (("utc_offset_seconds", 1), ("time zone", 3600))
+_OFFSETS: Final = (("utc_offset_seconds", 1.0), ("time zone", SECONDS_PER_HOUR))
 """Offsets from UTC in the block above a table: of Open-Meteo, and of the NSRDB."""
 _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?")
 
@@ -179,9 +190,7 @@ def _clock_above(preamble: list[list[str]]) -> str | None:
         offsets = {name.casefold(): value for name, value in zip(names, values, strict=False)}
         for key, unit_s in _OFFSETS:
             if _NUMBER.fullmatch(offsets.get(key, "")):
-                seconds = round(float(offsets[key]) * unit_s)
-                sign, minutes = "-" if seconds < 0 else "+", abs(seconds) // 60
-                return f"UTC{sign}{minutes // 60:02d}:{minutes % 60:02d}"
+                return f"UTC{offset_label(float(offsets[key]) * unit_s)}"
     return None
 
 

@@ -12,7 +12,7 @@ from typing import Final
 import pandas as pd
 
 from bess.market.columns import named_clock
-from bess.market.files import Repairs, fail, first_line, listed
+from bess.market.files import Repairs, fail, listed
 from bess.market.numbers import parse_numbers
 from bess.market.table import Table
 from bess.market.times import clock_of, in_utc, parse_times, to_utc
@@ -77,7 +77,7 @@ def _of_zone(table: Table, zone: str, prices: pd.DataFrame, repairs: Repairs) ->
         if len(there) == 2:
             old = prices["wall"] < SPLIT
             before = old & (code == there[1])
-            repairs.add("zone-join", f"took {there[1]} until {SPLIT}", before.sum(), first_line(before))
+            repairs.add_where("zone-join", f"took {there[1]} until {SPLIT}", before)
             return pd.concat([prices[before], prices[~old & (code == there[0])]])
         if there:
             return prices[code == there[0]]
@@ -110,6 +110,5 @@ def _in_order(prices: pd.DataFrame, clock: tzinfo, repairs: Repairs) -> pd.DataF
     back = utc.diff() < pd.Timedelta(0)
     if utc.hasnans or not back.any():
         return prices
-    text = "put rows that were out of place in the order of time"
-    repairs.add("sorted", text, back.sum(), first_line(back))
+    repairs.add_where("sorted", "put rows that were out of place in the order of time", back)
     return prices.loc[utc.sort_values(kind="stable").index]

@@ -68,6 +68,10 @@ class Repairs(list[Repair]):
         if rows:
             self.append(Repair(kind, text, int(rows), None if line is None else int(line)))
 
+    def add_where(self, kind: str, text: str, where: "pd.Series[bool]") -> None:
+        """Add a repair of the lines that satisfy a condition."""
+        self.add(kind, text, where.sum(), first_line(where))
+
     def rows(self, kind: str) -> int:
         """Return the number of rows with repairs of the given kind."""
         return sum(repair.rows for repair in self if repair.kind == kind)

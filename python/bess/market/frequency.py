@@ -76,8 +76,7 @@ def _in_order(columns: Columns, repairs: Repairs) -> Columns:
     swapped = wall.mask(early, pd.to_datetime(dates) + (wall - wall.dt.normalize()))
     if not (swapped.is_monotonic_increasing and swapped.is_unique):
         return columns
-    text = "swapped day and month, which brings the rows into order"
-    repairs.add("day-month", text, early.sum(), first_line(early))
+    repairs.add_where("day-month", "swapped day and month, which brings the rows into order", early)
     return columns.at(swapped)
 
 

@@ -14,6 +14,8 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from bess.market.files import fail, first_line
+from bess.market.times import offset_label
+from bess.units import SECONDS_PER_HOUR
 
 _NOMINAL_YEAR: Final = "2001"
 """Calendar year of a typical year without a year or with several years; not a leap year."""
@@ -72,9 +74,7 @@ def _hours_of_a_year(rows: dict[int, list[str]], offset_h: float) -> pd.DataFram
     if (line := first_line(start.isna())) is not None:
         _, month, day, hour, _ = frame.loc[line]
         fail(line, f"month {month}, day {day}, hour {hour} is no hour of {nominal}; correct the row")
-    minutes = round(60 * offset_h)
-    label = f"{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}"
-    times = start.dt.strftime("%Y-%m-%d %H:%M") + label
+    times = start.dt.strftime("%Y-%m-%d %H:%M") + offset_label(SECONDS_PER_HOUR * offset_h)
     hours = pd.DataFrame({"time": times, "temperature_c": frame["value"]})
     hours.attrs["typical"] = True
     return hours

@@ -5,14 +5,13 @@ from datetime import tzinfo
 from os import PathLike
 from typing import Final
 
-import numpy as np
 import pandas as pd
 
 from bess.errors import InputError
 from bess.files import Fill
 from bess.market import energy_charts, entsoe, smard
 from bess.market.columns import Columns, parquet_columns, refuse_end, table_columns, without_unit
-from bess.market.files import Repairs, fail, first_line, listed, reading
+from bess.market.files import Repairs, fail, listed, reading
 from bess.market.regular import regular
 from bess.market.table import Ending, Table, read_table
 from bess.market.times import ends_day
@@ -131,12 +130,11 @@ def _whole_days(rows: pd.DataFrame, table: Table, clock: tzinfo, repairs: Repair
         fail(end, "ends in the middle of a number: the file is truncated; fetch it again")
     local = pd.DatetimeIndex(rows["utc"]).tz_convert(clock)
     days = local.normalize()
-    last, whole = np.asarray(days == days[-1]), ends_day(rows["utc"], clock)
+    last, whole = pd.Series(days == days[-1], rows.index), ends_day(rows["utc"], clock)
     new_year = days[-1].day_of_year == 1 and days[-1].year > days[0].year and local[-1].hour < _STRAY_H
     lone = last.sum() == 1 and local[-1] == days[-1]
     if local[0] == days[0] and not last.all() and (new_year or lone):
-        text = "dropped rows after the last whole day"
-        repairs.add("stray-rows", text, last.sum(), first_line(pd.Series(last, rows.index)))
+        repairs.add_where("stray-rows", "dropped rows after the last whole day", last)
         return rows[~last]
     if not whole:
         if table.ending is not Ending.CLEAN and not last.all():

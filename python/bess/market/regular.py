@@ -8,10 +8,9 @@ import numpy.typing as npt
 import pandas as pd
 
 from bess.files import Fill
-from bess.market.files import Repairs, fail, first_line
+from bess.market.files import Repairs, fail
+from bess.units import SECONDS_PER_DAY, SECONDS_PER_HOUR
 
-_HOUR: Final = 3600
-_DAY: Final = 24 * _HOUR
 _RUN: Final = 3
 """Rows in a row that make another step a change of step, not a gap."""
 _SHARE: Final = 0.05
@@ -26,14 +25,14 @@ def regular(
     fill: Fill | None,
     repairs: Repairs,
     *,
-    max_step_s: int = _HOUR,
-    bridged_s: int = _HOUR,
+    max_step_h: float = 1.0,
+    bridged_h: float = 1.0,
 ) -> pd.Series:
     """Return a gap-free series with a regular step, labelled at the interval's start, in UTC.
 
-    Missing values at both ends are cut. Gaps of up to `bridged_s` are bridged by a straight line. Where a
-    file changes to a finer step, coarse values of up to `bridged_s` are held. These repairs are reported.
-    With `bridged_s` 0 they are errors, unless `fill` gives a method for gaps.
+    Missing values at both ends are cut. Gaps of up to `bridged_h` are bridged by a straight line. Where a
+    file changes to a finer step, coarse values of up to `bridged_h` are held. These repairs are reported.
+    With `bridged_h` 0 they are errors, unless `fill` gives a method for gaps.
     """
     if fill is not None and fill not in get_args(Fill):
         fail(None, f"fill {fill!r} is unknown; allowed are {', '.join(get_args(Fill))}")
@@ -43,12 +42,12 @@ def regular(
     every, present = rows.iloc[known[0] : known[-1] + 1], rows.iloc[known]
     cut = len(rows) - len(every)
     line = rows.index[0 if known[0] else min(known[-1] + 1, len(rows) - 1)]
-    if cut and not bridged_s and fill is None:
+    if cut and not bridged_h and fill is None:
         fail(line, f"{cut} values at the ends of the series are missing; cut these rows")
     repairs.add("ends-cut", "cut missing values at the ends", cut, line)
-    rows = present if bridged_s and _tell_a_step(present, every) else every
+    rows = present if bridged_h and _tell_a_step(present, every) else every
     seconds = _seconds(rows)
-    step, span = _step(rows, np.diff(seconds), max_step_s, bridged_s)
+    step, span = _step(rows, np.diff(seconds), max_step_h, bridged_h)
     place = (seconds - seconds[0]) // step
     _check_share(rows, place, span, step)
     index = pd.date_range(
@@ -58,11 +57,10 @@ def regular(
     for k in range(int(span.max())):
         held = span > k
         values[place[held] + k] = rows["value"].to_numpy()[held]
-    coarse = span > 1
     text = f"held values of a coarser step over steps of {step // 60} min"
-    repairs.add("step-change", text, coarse.sum(), first_line(pd.Series(coarse, rows.index)))
+    repairs.add_where("step-change", text, pd.Series(span > 1, rows.index))
     series = pd.Series(values, index=index)
-    _fill_gaps(series, rows.index[np.searchsorted(place, np.arange(index.size))], fill, repairs, bridged_s)
+    _fill_gaps(series, rows.index[np.searchsorted(place, np.arange(index.size))], fill, repairs, bridged_h)
     return series
 
 
@@ -102,16 +100,16 @@ def _check_share(rows: pd.DataFrame, place: Counts, span: Counts, step: int) -> 
     if 2 * covered >= total:
         return
     i = int(np.argmax(np.diff(place)))
+    gap_h = (place[i + 1] - place[i] - 1) * step / SECONDS_PER_HOUR
     begin = rows["utc"].iloc[i] + pd.Timedelta(seconds=step)
     fail(
         rows.index[i + 1],
-        f"follows a gap of {(place[i + 1] - place[i] - 1) * step / _HOUR:g} h from {begin:%Y-%m-%d %H:%M} "
-        f"UTC, and only {covered} of {total} steps have a value; check how the times are written, or choose "
-        "another file",
+        f"follows a gap of {gap_h:g} h from {begin:%Y-%m-%d %H:%M} UTC, and only {covered} of {total} steps "
+        "have a value; check how the times are written, or choose another file",
     )
 
 
-def _step(rows: pd.DataFrame, gaps: Counts, max_step_s: int, bridged_s: int) -> tuple[int, Counts]:
+def _step(rows: pd.DataFrame, gaps: Counts, max_step_h: float, bridged_h: float) -> tuple[int, Counts]:
     """Return the step [s] and how many steps each row covers (1, or more in a part with a coarser step)."""
     sizes, counts = np.unique(gaps, return_counts=True)
     usual = _usual(gaps)
@@ -125,22 +123,23 @@ def _step(rows: pd.DataFrame, gaps: Counts, max_step_s: int, bridged_s: int) -> 
             f"comes {gaps[i] / 60:g} min after line {rows.index[i]}, not a multiple of the step of "
             f"{step / 60:g} min; give a regular series",
         )
-    if step > max_step_s or _DAY % step:
+    step_h = step / SECONDS_PER_HOUR
+    if step_h > max_step_h or SECONDS_PER_DAY % step:
         fail(
             rows.index[1],
-            f"the step of {step / _HOUR:g} h does not divide a day, or is above {max_step_s / _HOUR:g} h; "
+            f"the step of {step_h:g} h does not divide a day, or is above {max_step_h:g} h; "
             "export hours or quarter hours",
         )
     span = np.ones(gaps.size + 1, dtype=np.int64)
     edges = np.flatnonzero(np.r_[True, gaps[1:] != gaps[:-1], True])
     for start, end in pairwise(edges):
-        if step < gaps[start] <= bridged_s and end - start >= _RUN:
+        if step < gaps[start] <= bridged_h * SECONDS_PER_HOUR and end - start >= _RUN:
             span[start : end + (end == gaps.size)] = gaps[start] // step
     return step, span
 
 
 def _fill_gaps(
-    series: pd.Series, lines: pd.Index, fill: Fill | None, repairs: Repairs, bridged_s: int
+    series: pd.Series, lines: pd.Index, fill: Fill | None, repairs: Repairs, bridged_h: float
 ) -> None:
     """Fill the gaps of a series in place; `lines` are the line numbers of the row at or after each step."""
     index = pd.DatetimeIndex(series.index)
@@ -150,12 +149,12 @@ def _fill_gaps(
     day = round(pd.Timedelta(days=1) / (index[1] - index[0]))
     for start, end in zip(edges[::2], edges[1::2], strict=True):
         line, duration_h = lines[end], float((end - start) * (index[1] - index[0]) / pd.Timedelta(hours=1))
-        if duration_h * _HOUR <= bridged_s:
+        if duration_h <= bridged_h:
             text = "bridged a gap of up to an hour by a straight line"
             repairs.add("gap-filled", text, end - start, line)
             continue
         if fill is None:
-            limit = f", longer than {bridged_s / _HOUR:g} h" if bridged_s else ""
+            limit = f", longer than {bridged_h:g} h" if bridged_h else ""
             fail(
                 line,
                 f"follows a gap of {duration_h:g} h from {index[start]:%Y-%m-%d %H:%M} UTC{limit}; "

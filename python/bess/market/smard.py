@@ -10,7 +10,7 @@ from typing import Final
 
 import pandas as pd
 
-from bess.market.files import Repairs, fail, first_line, listed
+from bess.market.files import Repairs, fail, listed
 from bess.market.numbers import MISSING, parse_numbers
 from bess.market.table import Table
 from bess.market.times import clock_of, parse_times, to_utc
@@ -73,6 +73,6 @@ def _prices(table: Table, zone: str, wall: pd.Series, repairs: Repairs) -> pd.Se
     if before and before[0] in there:
         old = prices.isna() & (wall < SPLIT) & there[before[0]].notna()
         prices = prices.mask(old, there[before[0]])
-        repairs.add("zone-join", f"took {before[0]} until {SPLIT}", old.sum(), first_line(old))
+        repairs.add_where("zone-join", f"took {before[0]} until {SPLIT}", old)
     check_values(zone, prices, filled)
     return prices

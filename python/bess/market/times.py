@@ -14,6 +14,7 @@ import pandas as pd
 
 from bess.errors import InputError
 from bess.market.files import Repairs, fail, first_line
+from bess.units import SECONDS_PER_MINUTE
 
 YEARS: Final = (1980, 2200)
 """Other years are numbers taken for times."""
@@ -130,16 +131,20 @@ def to_utc(
                 f"{times['wall'][line]:%Y-%m-%d %H:%M} does not exist in {clock}; "
                 "if the clock of the file has no summer time, give time_zone='UTC+1' or its own offset",
             )
-        text = "dropped the hour that summer time skips"
-        repairs.add("spring-hour", text, gone.sum(), first_line(gone))
+        repairs.add_where("spring-hour", "dropped the hour that summer time skips", gone)
         rows, times = rows[~gone], times[~gone]
     again = times["wall"].duplicated() & times["offset_h"].isna()
     if again.any():
-        text = "took the repeated hour of autumn in the order of the file"
-        repairs.add("autumn-hour", text, again.sum(), first_line(again))
+        repairs.add_where("autumn-hour", "took the repeated hour of autumn in the order of the file", again)
         rows = _interleaved(rows, times, clock)
     _check_order(rows)
     return rows
+
+
+def offset_label(seconds: float) -> str:
+    """Return an offset from UTC as text, such as ``+01:00``."""
+    minutes = round(seconds / SECONDS_PER_MINUTE)
+    return f"{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}"
 
 
 def ends_day(utc: pd.Series, clock: tzinfo) -> bool:

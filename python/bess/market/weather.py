@@ -22,7 +22,7 @@ _MIN_C: Final = -90.0
 _MAX_C: Final = 60.0
 _MISSING_C: Final = -999.0
 """Code of the German weather service for a missing value."""
-_MAX_STEP_S: Final = 3 * 3600
+_MAX_STEP_H: Final = 3.0
 
 
 def read_weather(
@@ -80,6 +80,6 @@ def read_weather(
                 f"temperature {degrees[line]:g} degC in column {chosen!r} is outside "
                 f"[{_MIN_C:g}, {_MAX_C:g}] degC; choose the right column, or convert it to degC first",
             )
-        series = regular(rows, fill, repairs, max_step_s=_MAX_STEP_S).rename("temperature_c")
+        series = regular(rows, fill, repairs, max_step_h=_MAX_STEP_H).rename("temperature_c")
     series.attrs = {"units": "degC", "repairs": repairs, "typical_year": is_typical}
     return series
