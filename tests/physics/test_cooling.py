@@ -323,7 +323,9 @@ def test_a_controller_that_is_told_no_ambient_takes_what_the_strings_cool_toward
     ("cooling", "message"),
     [
         ({"kind": "ice"}, "'air', 'liquid', 'hybrid'"),
-        ({"kind": "air", "chill_c": 30.0}, "chill_c: unknown key"),
+        ({"kind": "air", "chill_c": 30.0}, "cooling.chill_c: unknown key; it is a key of kind 'hybrid'"),
+        ({"kind": "air", "strat_c": 30.0}, "cooling.strat_c: unknown key; did you mean 'cooling.start_c'"),
+        ({"kind": "air", "flow_kg_s": -1.0}, "cooling.flow_kg_s = -1.0: must be in"),
         ({"kind": "liquid", "flow_steps": [1.0, 0.5]}, "knots must ascend"),
         ({"kind": "liquid", "flow_steps": [0.0]}, "a stage of flow is above 0"),
         ({"kind": "air", "variable_flow": True}, "variable_flow needs start_c"),

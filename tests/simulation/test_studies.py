@@ -226,6 +226,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
         ),
         ("[demand]\nfile = 'x'\n[run]\nstart = 2024-01-01\n", "run.start = 2024-01-01: has no time zone"),
         (MINIMAL + "prices = 'x'\n", "demand.file: unknown key; it is a key of kind 'profile'"),
+        ("[demand]\nkind = 'fcr'\nxyz = 1\n", "demand.xyz: unknown key; allowed: band, capacity_kw, "),
         ("[demnd]\nfile = 'x'\n", "demnd: unknown key; did you mean 'demand'?"),
         ("", "demand: missing"),
         ("[demand\n", "not valid TOML"),

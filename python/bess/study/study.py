@@ -119,8 +119,7 @@ class Study(Section):
         try:
             study = cls.model_validate(document)
         except ValidationError as error:
-            found = [{**each, "loc": _without_kind(each["loc"])} for each in error.errors()]
-            raise InputError(describe(found, place, model=cls)) from error
+            raise InputError(describe(error.errors(), place, cls)) from error
         try:
             study.to_toml().encode()
         except (TypeError, ValueError) as error:  # None; no UTF-8; thousands of digits
@@ -173,11 +172,6 @@ class Study(Section):
         import tomli_w
 
         return tomli_w.dumps(self.document())
-
-
-def _without_kind(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    """Return the place of an error without the kind of demand, which pydantic names as if it were a key."""
-    return loc[:1] + loc[2:] if loc[:1] == ("demand",) and set(loc[1:2]) & DEMAND_KINDS.keys() else loc
 
 
 def bundled_studies() -> dict[str, str]:

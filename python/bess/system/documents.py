@@ -2,12 +2,14 @@
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Self, get_args
 
 import numpy as np
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from bess.errors import InputError, nearest
 from bess.files import parse_toml, read_file
@@ -79,38 +81,29 @@ def deep_merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str
 
 
 def describe(
-    found: Sequence[Mapping[str, Any]],
-    name: str,
-    *,
-    prefix: str = "",
-    model: type[BaseModel] | None = None,
+    found: Sequence[Mapping[str, Any]], name: str, model: type[BaseModel], *, prefix: str = ""
 ) -> str:
     """Return one sentence for each validation error, joined by ``; ``: file, key, value, allowed values.
 
-    ``found`` is from ``ValidationError.errors()``. With ``model``, the sentence of an unknown key names the
-    most similar key of the same table.
+    ``found`` is from ``ValidationError.errors()`` of ``model``. The sentence of an unknown key names the most
+    similar key of the same table.
     """
     problems: dict[str, list[str]] = {}
-    places = [_without_kinds(problem["loc"]) for problem in found]
-    holders = {place[:depth] for place in places for depth in range(len(place))}
+    places = [_Place.of(problem, model) for problem in found]
+    holders = {place.parts[:depth] for place in places for depth in range(len(place.parts))}
     for problem, place in zip(found, places, strict=True):
-        if place in holders:
+        if place.parts in holders:
             continue  # from an alternative to the list or table that holds another problem
-        unknown = problem["type"] == "extra_forbidden"
-        path = ""
-        for part in problem["loc"]:
-            if isinstance(part, int):
-                path += f"[{part}]"
-            elif unknown or not _is_kind(part):
-                path += f".{part}"
-        key = (prefix + path.lstrip(".")).rstrip(".")
         message = problem["msg"].removeprefix("Value error, ")
         plain = _PLAIN_WORDS.get(problem["type"])
         message = plain.format(**problem.get("ctx", {})) if plain else message[:1].lower() + message[1:]
         message = message.replace("input should be", "must be", 1)
-        if unknown and model is not None:
-            message += _remedy(problem["loc"], model, key)
-        problems.setdefault(key + ("" if unknown else _shown(problem["input"])), []).append(message)
+        key = f"{prefix}{place}".rstrip(".")
+        if place.is_unknown:
+            message += f"; {place.remedy(key)}"
+        else:
+            key += _shown(problem["input"])
+        problems.setdefault(key, []).append(message)
     sentences = [
         f"{key}: {' or '.join(messages).replace(' or must be ', ' or ')}".removeprefix(": ")
         for key, messages in problems.items()
@@ -121,42 +114,62 @@ def describe(
     return f"{name}: " + "; ".join(sentences)
 
 
-def _remedy(loc: Sequence[str | int], model: type[BaseModel], shown: str) -> str:
-    """Return the most similar allowed key of the same table as an unknown key, or all allowed keys."""
-    *tables, key = (part for part in loc if isinstance(part, str))
-    models = [model]
-    for table in tables:
-        fields = [
-            field
-            for each in models
-            for name, field in each.model_fields.items()
-            if table in (name, field.alias)
-        ]
-        models = [part for field in fields for part in _parts(field.annotation)]
-    allowed = sorted({name for each in models for name in each.model_fields})
-    if key not in allowed:
-        return f"; {nearest(key, allowed, shown.removesuffix(key))}"
-    # Not a typing error, but a key of another kind of demand.
-    owners = [each.model_fields["kind"] for each in models if {key, "kind"} <= each.model_fields.keys()]
-    kinds = [repr(kind) for owner in owners for kind in get_args(owner.annotation)]
-    return f"; it is a key of kind {' or '.join(dict.fromkeys(kinds))}" if kinds else ""
+def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Return the fields of a table by their key in a file."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
-def _parts(annotation: Any) -> Iterator[type[BaseModel]]:
+@dataclass(frozen=True)
+class _Place:
+    """Place in a file; of an unknown key with the models of its table, of the given kind and of all kinds."""
+
+    parts: tuple[str | int, ...]
+    is_unknown: bool
+    models: list[type[BaseModel]]
+    of_all_kinds: list[type[BaseModel]]
+
+    @classmethod
+    def of(cls, problem: Mapping[str, Any], model: type[BaseModel]) -> Self:
+        """Return the place of an error, without the names that pydantic gives to alternatives."""
+        loc, is_unknown = problem["loc"], problem["type"] == "extra_forbidden"
+        parts: list[str | int] = []
+        models = of_all_kinds = [model]
+        for part in loc[:-1] if is_unknown else loc:
+            if isinstance(part, int):
+                parts.append(part)
+            elif fields := [keys_of(each)[part] for each in models if part in keys_of(each)]:
+                parts.append(part)
+                models = of_all_kinds = [each for field in fields for each in _models(field.annotation)]
+            else:
+                models = [each for each in models if part in _kinds(each)] or models
+        return cls((*parts, *loc[-1:]) if is_unknown else tuple(parts), is_unknown, models, of_all_kinds)
+
+    def __str__(self) -> str:
+        path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.parts)
+        return path.removeprefix(".")
+
+    def remedy(self, key: str) -> str:
+        """Return the kinds that have the unknown key, otherwise the most similar key of the table, or all."""
+        unknown = str(self.parts[-1])
+        owners = [each for each in self.of_all_kinds if unknown in keys_of(each)]
+        if kinds := dict.fromkeys(repr(kind) for owner in owners for kind in _kinds(owner)):
+            return f"it is a key of kind {' or '.join(kinds)}"
+        allowed = sorted({name for each in self.models for name in keys_of(each)})
+        return nearest(unknown, allowed, key.removesuffix(unknown))
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
     """Yield the models in an annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for argument in get_args(annotation):
-        yield from _parts(argument)
+        yield from _models(argument)
 
 
-def _without_kinds(place: Sequence[str | int]) -> tuple[str | int, ...]:
-    return tuple(part for part in place if isinstance(part, int) or not _is_kind(part))
-
-
-def _is_kind(part: str) -> bool:
-    """Return whether a part of a pydantic error location is a type name."""
-    return "[" in part or part[:1].isupper()
+def _kinds(model: type[BaseModel]) -> tuple[str, ...]:
+    """Return the values of ``kind`` by which a table is chosen; empty without such a key."""
+    kind = model.model_fields.get("kind")
+    return get_args(kind.annotation) if kind else ()
 
 
 def _shown(value: object) -> str:

@@ -9,7 +9,7 @@ from bess.errors import InputError
 from bess.system.battery import Battery
 from bess.system.components.registry import CELL_KEYS, INVERTER_KEYS, cell_tables, inverter_section
 from bess.system.cooling import Cooling
-from bess.system.documents import deep_merge, describe
+from bess.system.documents import deep_merge, describe, keys_of
 from bess.system.section import Section
 from bess.system.sections import About, Control, Derating, Inverter, SystemDefaults, Thermal, Wear
 
@@ -58,7 +58,7 @@ class PlantSections(Section):
     control: Control = Control()
 
 
-STRING_SECTIONS = {field.alias or name: field for name, field in StringParameters.model_fields.items()}
+STRING_SECTIONS = keys_of(StringParameters)
 """Sections that a ``[[string]]`` table may override, by their name in a file."""
 
 
@@ -173,4 +173,4 @@ def _validated(kind: type[_T], table: object, name: str, prefix: str) -> _T:
     try:
         return kind.model_validate(table)
     except ValidationError as error:
-        raise InputError(describe(error.errors(), name, prefix=prefix, model=kind)) from error
+        raise InputError(describe(error.errors(), name, kind, prefix=prefix)) from error
