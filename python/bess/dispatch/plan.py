@@ -93,7 +93,7 @@ def plan_dispatch(
     system.check_state(state)
     cycles_per_day = one_number("cycles_per_day", cycles_per_day)
     require_positive("plan_dispatch", cycles_per_day=(cycles_per_day, ""))
-    dt_h = system.control.step_min / 60.0
+    dt_h = system.control.dt_h
     steps = steps_in(one_number("hours", hours), dt_h, "hours")
     values, days = _on_steps(prices, steps, dt_h, market_time_zone)
     inputs = DispatchInputs(values, surroundings_of_steps(system, ambient_c, steps), days)

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.arrays import Array
 from bess.errors import InputError
+from bess.units import SECONDS_PER_DAY, SECONDS_PER_HOUR
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-_S_PER_DAY = 86_400
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,11 @@ class TimeGrid:
     @classmethod
     def of(cls, start: datetime, step_s: float, days: float) -> TimeGrid:
         """Return the time grid of ``days`` days, a whole number of steps."""
-        steps = days * _S_PER_DAY / step_s
+        steps = days * SECONDS_PER_DAY / step_s
         if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
-            below, above = (max(1, n) * step_s / _S_PER_DAY for n in (math.floor(steps), math.ceil(steps)))
+            below, above = (
+                max(1, n) * step_s / SECONDS_PER_DAY for n in (math.floor(steps), math.ceil(steps))
+            )
             nearest = f"{below:.10g}" if below == above else f"{below:.10g} and {above:.10g}"
             raise InputError(
                 f"run.days = {days:g}: must be a whole number of steps of {step_s / 60:g} min, at least one; "
@@ -50,7 +52,7 @@ class TimeGrid:
     def of_record(cls, dataset: xr.Dataset) -> TimeGrid:
         """Return the time grid of a record."""
         start_s = int(dataset["time"].values[0].astype("datetime64[s]").astype(np.int64))
-        return cls(start_s, round(3600.0 * float(dataset.attrs["step_h"])), dataset.sizes["time"])
+        return cls(start_s, round(SECONDS_PER_HOUR * float(dataset.attrs["step_h"])), dataset.sizes["time"])
 
     def __str__(self) -> str:
         return f"{self.span}, {self.n_steps} steps of {self.step_s / 60:g} min"
@@ -90,7 +92,7 @@ class TimeGrid:
     @property
     def dt_h(self) -> float:
         """Length of a step [h]."""
-        return self.step_s / 3600.0
+        return self.step_s / SECONDS_PER_HOUR
 
     @property
     def years(self) -> NDArray[np.int64]:
@@ -130,7 +132,7 @@ class SampledSeries:
     ``repairs`` in notes.
     """
 
-    values: NDArray[np.float64]
+    values: Array
     start_s: int
     step_s: int
     what: str
@@ -166,9 +168,9 @@ class SampledSeries:
                 f"run.start = {start:%Y-%m-%d %H:%M}: {self.key} {self.what} covers {self.grid.span}; "
                 f"start at least one step of {step_s / 60:g} min before its end"
             )
-        return steps * step_s / _S_PER_DAY
+        return steps * step_s / SECONDS_PER_DAY
 
-    def on(self, grid: TimeGrid, *, repeat: bool = False) -> NDArray[np.float64]:
+    def on(self, grid: TimeGrid, *, repeat: bool = False) -> Array:
         """Return the mean over each step of ``grid``; each value is held until the next.
 
         With ``repeat``, the series has no start or end.

@@ -78,7 +78,7 @@ def _check_reach(document: Mapping[str, Any], parameters: Mapping[str, Any], nam
 def policy_settings(study: Study, system: System) -> Settings:
     """Return the settings of the study's policy for its system."""
     return Settings(
-        dt_h=system.control.step_min / 60.0,
+        dt_h=system.control.dt_h,
         horizon_steps=study.policy.steps_ahead(system.control),
         policy=study.policy,
         terms=study.settlement,

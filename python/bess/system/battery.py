@@ -5,9 +5,9 @@ from itertools import pairwise
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import field_validator, model_validator
 
+from bess.arrays import Array
 from bess.system.quantities import (
     CellCapacity,
     CellMass,
@@ -50,7 +50,7 @@ class OcvTable(Table):
         return value
 
     @property
-    def discharge_v(self) -> NDArray[np.float64]:
+    def discharge_v(self) -> Array:
         """Voltage over SOC of discharge at the temperature nearest to 25 degC."""
         return np.array(self.discharge[int(np.argmin(np.abs(np.array(self.temperature_c) - 25.0)))])
 

@@ -24,6 +24,7 @@ from bess.system.quantities import (
     within,
 )
 from bess.system.section import Section, Table
+from bess.units import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
 
 SMALL_SHARE = 0.01
 """Upper limit of the minimum power of an inverter, as a share of its nominal power."""
@@ -177,7 +178,12 @@ class Control(Section):
     @property
     def step_s(self) -> float:
         """Control step [s]."""
-        return 60.0 * self.step_min
+        return SECONDS_PER_MINUTE * self.step_min
+
+    @property
+    def dt_h(self) -> float:
+        """Control step [h]."""
+        return self.step_s / SECONDS_PER_HOUR
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from bess.arrays import ByValue, real_numbers
+from bess.arrays import Array, ByValue, real_numbers
 from bess.display import as_table, few, one_line
 from bess.errors import InputError
 
@@ -42,11 +42,11 @@ class State(ByValue):
         the wear cost of the next cycle depends on it. None if unknown.
     """
 
-    soc: NDArray[np.float64]
-    temperature_c: NDArray[np.float64]
-    soh_capacity: NDArray[np.float64]
-    soh_resistance: NDArray[np.float64]
-    cyclic_loss: NDArray[np.float64] | None
+    soc: Array
+    temperature_c: Array
+    soh_capacity: Array
+    soh_resistance: Array
+    cyclic_loss: Array | None
 
     def __init__(
         self,
@@ -93,7 +93,7 @@ class State(ByValue):
         return bool((self.soh_capacity == 1.0).all() and (self.soh_resistance == 1.0).all())
 
 
-def _vector(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def _vector(name: str, values: ArrayLike) -> Array:
     try:
         array = real_numbers(values).copy()
     except ValueError as error:

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bess import _core
-from bess.arrays import each_step
+from bess.arrays import Array, each_step
 from bess.display import as_table
 from bess.errors import InputError
 from bess.files import MissingFileError
@@ -103,7 +103,7 @@ class System:
         """Reference temperature of the control model at the system's own ambient temperature [degC]."""
         return float(self.surroundings_c(np.array(self.ambient_c)))
 
-    def surroundings_c(self, ambient_c: NDArray[np.float64]) -> NDArray[np.float64]:
+    def surroundings_c(self, ambient_c: Array) -> Array:
         """Return the reference temperature of the control model at given ambient temperatures [degC].
 
         The ambient temperature without a section ``[cooling]``, otherwise as identified from the plant
@@ -134,28 +134,28 @@ class System:
         return len(self.strings)
 
     @cached_property
-    def min_power_kw(self) -> NDArray[np.float64]:
+    def min_power_kw(self) -> Array:
         """Minimum AC power of each inverter that is on [kW], shape ``(n_strings,)``."""
         return np.array([s.inverter.min_power_kw for s in self.strings])
 
     @cached_property
-    def nominal_kw(self) -> NDArray[np.float64]:
+    def nominal_kw(self) -> Array:
         """Nominal AC power of each inverter [kW], shape ``(n_strings,)``."""
         return np.array([s.inverter.nominal_kw for s in self.strings])
 
     @cached_property
-    def soc_window(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def soc_window(self) -> tuple[Array, Array]:
         """Lower and upper SOC limits, shape ``(n_strings,)`` each."""
         batteries = [string.battery for string in self.strings]
         return np.array([each.soc_min for each in batteries]), np.array([each.soc_max for each in batteries])
 
     @cached_property
-    def capacity_ah(self) -> NDArray[np.float64]:
+    def capacity_ah(self) -> Array:
         """Charge capacity of each string [Ah], shape ``(n_strings,)``."""
         return np.array([s.battery.cell_capacity_ah * s.battery.cells_parallel for s in self.strings])
 
     @cached_property
-    def nominal_energy_kwh(self) -> NDArray[np.float64]:
+    def nominal_energy_kwh(self) -> Array:
         """Capacity times the mean discharge OCV at 25 degC [kWh], shape ``(n_strings,)``."""
         mean_v = [s.battery.ocv_v.mean_v * s.battery.cells_series for s in self.strings]
         return np.array(mean_v) * self.capacity_ah / 1000.0
@@ -247,7 +247,7 @@ class System:
         )
 
 
-def surroundings_of_steps(system: System, ambient_c: ArrayLike | None, n_steps: int) -> NDArray[np.float64]:
+def surroundings_of_steps(system: System, ambient_c: ArrayLike | None, n_steps: int) -> Array:
     """Return the temperature that strings cool towards in each step [degC]: as given, or the system's own."""
     around = system.reference_temperature_c if ambient_c is None else ambient_c
     return each_step("ambient_c", around, n_steps, TEMPERATURE_RANGE_C, "degC")

@@ -2,13 +2,11 @@
 
 from typing import Annotated, TypeVar
 
-import numpy as np
-import numpy.typing as npt
-
+from bess.arrays import Array
 from bess.system.quantities import NonNegative, within
 from bess.system.section import PublicSection
 
-Price = TypeVar("Price", float, npt.NDArray[np.float64])
+Price = TypeVar("Price", float, Array)
 
 
 class SettlementTerms(PublicSection):

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.arrays import Array
 
-def reduced_knots(
-    x: NDArray[np.float64], rows: NDArray[np.float64], max_error: float
-) -> tuple[NDArray[np.intp], float]:
+
+def reduced_knots(x: Array, rows: Array, max_error: float) -> tuple[NDArray[np.intp], float]:
     """Choose knots such that linear interpolation between them stays within ``max_error`` of every point.
 
     Parameters

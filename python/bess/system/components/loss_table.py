@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from bess.arrays import ByValue, one_number
+from bess.arrays import Array, ByValue, one_number
 from bess.errors import InputError
 from bess.system.components.knots import reduced_knots
 
-Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
+Curve = tuple[Array, Array]
 """AC power and loss of one direction, as fractions of nominal AC power."""
 
 _MAX_EXTRAPOLATION = 0.1
@@ -39,9 +39,9 @@ class LossTable(ByValue):
     """
 
     nominal_kw: float
-    load: NDArray[np.float64]
-    loss_charge: NDArray[np.float64]
-    loss_discharge: NDArray[np.float64]
+    load: Array
+    loss_charge: Array
+    loss_discharge: Array
     off_loss: float
     max_error: float
 

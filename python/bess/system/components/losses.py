@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from bess.arrays import number_array, one_number
+from bess.arrays import Array, Flags, number_array, one_number
 from bess.errors import InputError
 from bess.system.components.loss_table import Curve, LossTable, check_nominal, table_from_curves
 
@@ -66,7 +66,7 @@ def inverter_from_efficiency(
     """
     x = _per_unit(power, power_unit, nominal_kw, axis)
 
-    def loss_of(eta: NDArray[np.float64], direction: Direction) -> NDArray[np.float64]:
+    def loss_of(eta: Array, direction: Direction) -> Array:
         eta = eta / 100.0 if np.nanmax(eta, initial=0.0) > _PERCENT_FROM else eta
         eta = np.where(x == 0.0, 1.0, eta)  # 0/0
         is_output = _is_output(axis, direction)
@@ -110,7 +110,7 @@ def inverter_from_loss(
         raise InputError(f"loss_unit {loss_unit!r}: allowed are {', '.join([*of_nominal, *of_axis])}")
     unit = of_axis[loss_unit] if loss_unit in of_axis else np.full_like(x, of_nominal[loss_unit])
 
-    def loss_of(given: NDArray[np.float64], direction: Direction) -> NDArray[np.float64]:
+    def loss_of(given: Array, direction: Direction) -> Array:
         loss = given * unit
         _refuse_rows(loss, ~((loss >= 0.0) & (loss < 1.0)), f"{direction} loss / nominal", "in [0, 1)")
         return loss
@@ -189,7 +189,7 @@ def inverter_from_sandia(
     )
 
 
-def _per_unit(power: ArrayLike, unit: str, nominal_kw: float, axis: str) -> NDArray[np.float64]:
+def _per_unit(power: ArrayLike, unit: str, nominal_kw: float, axis: str) -> Array:
     check_nominal(nominal_kw)
     scale = {"fraction": 1.0, "percent": 0.01, "kw": 1.0 / nominal_kw, "w": 1e-3 / nominal_kw}
     if unit not in scale:
@@ -203,7 +203,7 @@ def _per_unit(power: ArrayLike, unit: str, nominal_kw: float, axis: str) -> NDAr
     return x
 
 
-def _refuse_rows(values: NDArray[np.float64], bad: NDArray[np.bool_], name: str, allowed: str) -> None:
+def _refuse_rows(values: Array, bad: Flags, name: str, allowed: str) -> None:
     if bad.any():
         row = int(np.argmax(bad))
         raise InputError(f"row {row + 1}: {name} is {values[row]:g}, must be {allowed}")
@@ -214,10 +214,10 @@ def _is_output(axis: str, direction: Direction) -> bool:
 
 
 def _curves(
-    x: NDArray[np.float64],
+    x: Array,
     given: dict[Direction, ArrayLike | None],
     axis: str,
-    loss_of: Callable[[NDArray[np.float64], Direction], NDArray[np.float64]],
+    loss_of: Callable[[Array, Direction], Array],
 ) -> list[Curve | None]:
     """Return AC power and loss of each direction, None for one without values."""
     curves: list[Curve | None] = []
