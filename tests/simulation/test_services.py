@@ -283,6 +283,8 @@ def test_tender_results_without_the_regular_tender_are_refused(tmp_path: Path) -
     )
     with pytest.raises(InputError, match=r"line 2: .*repeated tenders only"):
         read_capacity_prices(tmp_path / "tender.csv")
+    with pytest.raises(InputError, match="there is no price of '7'; give one of: GERMANY"):
+        read_capacity_prices(tmp_path / "tender.csv", 7)  # type: ignore[arg-type]
 
 
 # On measured files

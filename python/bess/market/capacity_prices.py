@@ -61,10 +61,10 @@ def read_capacity_prices(
 
 
 def _tenders(table: Table, country: str, repairs: Repairs) -> pd.Series:
-    column = table.named(country + _PRICE)
+    column = table.named(f"{country}{_PRICE}")
     if column is None:
         known = [title.removesuffix(_PRICE) for title in table.header if title.endswith(_PRICE)]
-        fail(1, f"there is no price of {country!r}; give one of: {listed(known)}")
+        fail(1, f"there is no price of {str(country)!r}; give one of: {listed(known)}")
     tender = table.named("TENDER_NUMBER")
     wanted = pd.Series(True, table.lines) if tender is None else table.column(tender) == _TENDER
     if not wanted.any():

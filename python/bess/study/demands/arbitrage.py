@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -48,10 +48,6 @@ from bess.study.sections import RunName, TimeZone
 from bess.system import State, System
 from bess.system.quantities import NonNegative, Positive, within
 from bess.system.section import Section
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 QUANTILE_COLUMNS = ("p10", "p50", "p90")
 """Columns of a file of price bands."""
@@ -161,10 +157,9 @@ class ArbitrageDemand(DemandSection):
                 "demand.prices is not set: name a price file (SMARD, Energy-Charts or ENTSO-E export), "
                 "such as demand.prices = FILE.csv"
             )
-        read = self._read(file, self.product)
-        given = setting.series_of(read, file, key)
+        given = self._prices(setting, file, key, self.product)
         grid = setting.grid_of(given)
-        prices = self._to_the_end(setting, grid, read, file, key)
+        prices = self._prices(setting, file, key, self.product, grid)
         price = prices.on(grid)
         forecast = self._price_forecast(setting, grid, prices)
         span = f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh"
@@ -208,25 +203,29 @@ class ArbitrageDemand(DemandSection):
 
         return RunDemand(grid, source, price + fee_eur_mwh, series, price_ahead)
 
-    def _read(self, file: str, product: str | None, zone: str | None = None) -> pd.Series[float]:
-        return prices_of(file, zone or self.zone, product, time_zone=self.time_zone, fill=self.fill)
-
-    def _to_the_end(
-        self, setting: Setting, grid: TimeGrid, read: pd.Series[float], file: str, key: str
+    def _prices(
+        self,
+        setting: Setting,
+        file: str,
+        key: str,
+        product: str | None,
+        grid: TimeGrid | None = None,
+        zone: str | None = None,
     ) -> SampledSeries:
-        """Return the prices read from ``file``; with ``repeat`` they last to the end of the run."""
+        """Return the prices in ``file``; with ``repeat`` they last to the end of ``grid``."""
         from bess.market import extended
 
-        lasting = extended(read, grid.end) if self.repeat else read
-        return setting.series_of(lasting, file, key, "demand.repeat")
+        read = prices_of(file, zone or self.zone, product, time_zone=self.time_zone, fill=self.fill)
+        if self.repeat and grid is not None:
+            read = extended(read, grid.end)
+        return setting.series_of(read, file, key, "demand.repeat")
 
     def _auctions(self, last_file: str, setting: Setting, grid: TimeGrid, price: Array) -> dict[str, Array]:
         """Positions and prices of the auctions before the last market, as recorded series."""
         prices, steps = [], []
         for number, market in enumerate(self.market):
             key, file = f"demand.market.{number}", market.prices or last_file
-            read = self._read(file, market.product)
-            prices.append(self._to_the_end(setting, grid, read, file, f"{key}.prices").on(grid))
+            prices.append(self._prices(setting, file, f"{key}.prices", market.product, grid).on(grid))
             steps.append(steps_in(market.step_min / 60.0, grid.dt_h, f"{key}.step_min"))
         state = setting.system.initial_state()
         planner = self._linear(setting.system, grid, PerfectForecast(price), state=state, replan_h=grid.dt_h)
@@ -255,8 +254,8 @@ class ArbitrageDemand(DemandSection):
             return kind(price, grid.dt_h, price_ends=price_ends_of(price, grid.dt_h), first=before)
 
         def forecast_of(zone: str) -> Array:
-            read = self._read(file, self.product, zone)
-            return self._to_the_end(setting, grid, read, file, "demand.forecast_prices").on(grid)
+            key = "demand.forecast_prices"
+            return self._prices(setting, file, key, self.product, grid, zone).on(grid)
 
         price = series.on(grid)
         ends = price_ends_of(price, grid.dt_h)
@@ -376,7 +375,7 @@ class ArbitrageSource(DemandSource):
         offset = step - self._plan.step
         demand_kw = padded(self._plan.demand_kw[offset : offset + horizon], horizon)
         if self.connection is not None:
-            dt_h = self.system.control.step_min / 60.0
+            dt_h = self.system.control.dt_h
             stored_kwh = nominal_stored_kwh(self.system, state.soc, state.soh_capacity)
             max_kw = min(float(stored_kwh[counted(now.limit_kw)].sum()) / dt_h, float(now.limit_kw.sum()))
             demand_kw[0] = self.connection.limited(step, float(demand_kw[0]), max_kw)

@@ -48,15 +48,17 @@ def nominal_stored_kwh(system: System, soc: Array, soh_capacity: Array) -> Array
     return np.asarray((soc - system.soc_window[0]) * system.nominal_energy_kwh * soh_capacity)
 
 
+@dataclass(frozen=True, eq=False)
 class LinearPlanner:
-    """The arbitrage program with a constant efficiency, which assumes full delivery.
+    """The arbitrage program with a constant efficiency, which assumes full delivery."""
 
-    ``days`` is the number of the trading day of each step.
-    """
+    arbitrage: Arbitrage
+    system: System
 
-    def __init__(self, arbitrage: Arbitrage, system: System) -> None:
-        self._arbitrage, self._system = arbitrage, system
-        self.days = arbitrage.days
+    @property
+    def days(self) -> NDArray[np.int64]:
+        """Number of the trading day of each step."""
+        return self.arbitrage.days
 
     def wear_eur_mwh(self, state: State, limit_kw: Array) -> float:
         """Return the wear cost of a MWh discharged as plans include it: none."""
@@ -68,7 +70,7 @@ class LinearPlanner:
         Without ``now``, the same inverters as in the plan are in service.
         """
         outage = now is not None and not np.array_equal(now.limit_kw, plan.limit_kw)
-        return outage or self._arbitrage.is_due(step)
+        return outage or self.arbitrage.is_due(step)
 
     def plan(self, step: int, now: StepInputs, discharged_kwh: float, **budget: float) -> MarketPlan:
         """Plan over the look-ahead, from the measured state and the energy discharged on this day so far.
@@ -76,10 +78,10 @@ class LinearPlanner:
         ``budget`` is that of :meth:`bess.dispatch.CycleBudget.for_plan`. The plan depends on the arguments
         only.
         """
-        (low, high), counts = self._system.soc_window, counted(now.limit_kw)
-        capacity_kwh = self._system.nominal_energy_kwh * (high - low) * now.state.soh_capacity
-        stored_kwh = nominal_stored_kwh(self._system, now.state.soc, now.state.soh_capacity)
-        demand_kw = self._arbitrage.plan(
+        (low, high), counts = self.system.soc_window, counted(now.limit_kw)
+        capacity_kwh = self.system.nominal_energy_kwh * (high - low) * now.state.soh_capacity
+        stored_kwh = nominal_stored_kwh(self.system, now.state.soc, now.state.soh_capacity)
+        demand_kw = self.arbitrage.plan(
             step,
             float(stored_kwh[counts].sum()),
             discharged_kwh,

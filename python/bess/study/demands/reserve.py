@@ -41,14 +41,13 @@ from bess.study.keys import check_bundled
 from bess.study.sections import TimeZone
 from bess.system import State, System
 from bess.system.quantities import Fraction, NonNegative, Positive, Price, within
-from bess.units import PERCENT
+from bess.units import PERCENT, SECONDS_PER_MINUTE
 
 _FREQUENCY_STEP_S = 10
-_HOUR_S = 3600
+_PRICE_STEP_S = 3600
 _BLOCK_H = 4.0
 _RECHARGE_SHARE = 0.25
 """Recharge power, as a share of the reserve capacity; this part of the plant power is kept free for it."""
-_SECONDS_PER_MINUTE = 60.0
 
 
 class FcrDemand(DemandSection):
@@ -193,14 +192,11 @@ class FcrDemand(DemandSection):
             return np.full(grid.n_steps, self.energy_price_eur_mwh)
         check_bundled(key, file, [SYNTHETIC])
         if file == SYNTHETIC:
-            hours = grid.start_s // _HOUR_S + np.arange(-(-grid.n_steps * grid.step_s // _HOUR_S) + 1)
-            values = market_prices()[hours % market_prices().size]
-            first_s = grid.start_s // _HOUR_S * _HOUR_S
-            price = SampledSeries(values, first_s, _HOUR_S, "the bundled week of prices", key)
-        else:
-            read = prices_of(file, self.zone, time_zone=self.time_zone)
-            price = setting.series_of(read, file, key)
-        setting.note(f"prices: {'a bundled week' if file == SYNTHETIC else file}", price)
+            setting.note("prices: a bundled week")
+            week = SampledSeries(market_prices(), 0, _PRICE_STEP_S, "the bundled week of prices", key)
+            return week.on(grid, repeat=True)
+        price = setting.series_of(prices_of(file, self.zone, time_zone=self.time_zone), file, key)
+        setting.note(f"prices: {file}", price)
         return price.on(grid)
 
     def _capacity_price(self, setting: Setting, grid: TimeGrid) -> Array:
@@ -300,7 +296,7 @@ class FcrArbitrageDemand(FcrDemand):
 
 def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
     """Return a time in control steps, rounded up to one, and at least ``least``."""
-    steps = minutes * _SECONDS_PER_MINUTE / grid.step_s
+    steps = minutes * SECONDS_PER_MINUTE / grid.step_s
     if steps > 1.0 and abs(steps - round(steps)) > 1e-9:
         raise InputError(
             f"demand.{key} = {minutes:g} min must be a whole number of control steps of "

@@ -131,12 +131,11 @@ class Setting:
         ``reading`` are further arguments of :func:`bess.dispatch.read_profile`.
         """
         check_bundled(key, name, bundled)
-        step_s, repeat_key = self.system.control.step_s, f"{key.rpartition('.')[0]}.repeat"
-        dt_h = step_s / 3600.0
+        control, repeat_key = self.system.control, f"{key.rpartition('.')[0]}.repeat"
         if name in bundled:
-            values, start_s = bundled[name](dt_h=dt_h) * scale, seconds_of(self.start)
-            return SampledSeries(values, start_s, round(step_s), f"profile {name}", key, repeat_key)
-        read = read_profile(name, scale=scale, dt_h=dt_h, **reading)
+            values, start_s = bundled[name](dt_h=control.dt_h) * scale, seconds_of(self.start)
+            return SampledSeries(values, start_s, round(control.step_s), f"profile {name}", key, repeat_key)
+        read = read_profile(name, scale=scale, dt_h=control.dt_h, **reading)
         return self.series_of(read, name, key, repeat_key)
 
     def note(self, text: str, series: SampledSeries | None = None) -> None:
