@@ -236,7 +236,7 @@ def test_check_names_the_prices_it_found() -> None:
         (["run", "nowhere/missing.toml"], "check the path, there is no folder nowhere"),
         (
             ["run", "case1", "--set", "system.n_strings=0"],
-            "n_strings = 0: must be greater than or equal to 1",
+            "n_strings = 0: must be in [1, 1000]",
         ),
         (["run", "case1", "--set", "run.days=abc"], "run.days = 'abc': must be a number"),
         (["run"], "Missing argument"),

@@ -17,6 +17,7 @@ from bess.study import bundled_studies, expand
 from bess.study.demands import DEMAND_KINDS
 from bess.study.demands.source import StepInputs
 from bess.study.keys import parse_assignment
+from bess.study.scenarios import refined
 from bess.study.study import Study
 
 MINIMAL = '[demand]\nfile = "two-cycle-48h"\n'
@@ -73,15 +74,16 @@ def test_paths_on_the_command_line_are_relative_to_the_working_folder(
     assert study.demand.prices == str(tmp_path / "prices.csv")  # type: ignore[union-attr]
 
 
-def test_files_of_scenarios_and_axes_are_relative_to_the_study_file(tmp_path: Path) -> None:
-    text = """
+@pytest.mark.parametrize("market", ["demand.market.0", "demand.market[0]"])
+def test_files_of_scenarios_and_axes_are_relative_to_the_study_file(market: str, tmp_path: Path) -> None:
+    text = f"""
     [demand]
     prices = "prices.csv"
     [[demand.market]]
     name = "auction"
     [[scenario]]
     name = "a"
-    set = { "system.file" = "plant.toml", "demand.market.0.prices" = "a.csv", title = "b.csv" }
+    set = {{ "system.file" = "plant.toml", "{market}.prices" = "a.csv", title = "b.csv" }}
     [[sweep]]
     key = "weather.file"
     values = ["mild.csv", "hot/july.csv"]
@@ -103,6 +105,15 @@ def test_a_key_of_a_table_in_a_list_is_set_by_its_index() -> None:
     assert study.with_values({"event[0].limit_kw": 20.0}).event[0].limit_kw == 20.0
     with pytest.raises(bess.InputError, match="'1' is no index of a list of 1 entries"):
         study.with_values({"event.1.limit_kw": 30.0})
+
+
+def test_a_key_may_write_an_index_in_brackets_in_a_search_too() -> None:
+    event = {"string": 0, "start": datetime(2024, 1, 1, tzinfo=UTC), "end": datetime(2024, 1, 2, tzinfo=UTC)}
+    axis = {"key": "event[0].limit_kw", "values": [10.0, 30.0], "maximise": "net_eur", "refine": 1}
+    study = bess.load_study("case1", {"event": [event], "sweep": [axis]})
+    runs = expand(study)
+    kpis = {name: {"net_eur": run.event[0].limit_kw} for name, run in runs.items()}
+    assert [run.event[0].limit_kw for run in refined(study, runs, kpis).values()] == [20.0]
 
 
 def test_the_kind_of_objectives_follows_the_study_unless_it_is_given() -> None:

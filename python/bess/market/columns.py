@@ -63,16 +63,17 @@ class Columns:
 
     def choose(self, wanted: str | None, what: str) -> str:
         """Return the column called `wanted`, or the only one; raise InputError, listing them, otherwise."""
-        if wanted is None and len(self.names) == 1:
-            return self.names[0]
-        for plain in (str, without_unit) if wanted is not None else ():
-            for name in self.names:
-                if plain(name).casefold() == str(wanted).casefold():
-                    return name
-        problem = (
-            f"which column is the {what} is not clear" if wanted is None else f"there is no column {wanted!r}"
-        )
-        fail(1, f"{problem}; give one of: {listed(self.names)}")
+        if wanted is None:
+            found = self.names if len(self.names) == 1 else []
+            problem = f"which column is the {what} is not clear"
+        else:
+            key, names = str(wanted).casefold(), self.names
+            found = [name for name in names if name.casefold() == key]
+            found += [name for name in names if without_unit(name).casefold() == key]
+            problem = f"there is no column {wanted!r}"
+        if not found:
+            fail(1, f"{problem}; give one of: {listed(self.names)}")
+        return found[0]
 
     def at(self, wall: pd.Series) -> "Columns":
         """Return the same columns with other wall-clock times."""
@@ -98,25 +99,7 @@ class Columns:
 
         Times that label the end of each interval, if they may, are moved to its start.
         """
-        lines, offset_h = self.times.index, self.times["offset_h"]
-        time_zone = time_zone or self.clock
-        if have_offsets(self.times):
-            clock: tzinfo = UTC
-            # Offsets differ by the hour of summer time at most.
-            if (line := first_line((offset_h - offset_h.iloc[0]).abs() > 1.0)) is not None:
-                fail(
-                    line,
-                    f"the time is {offset_h[line]:+g} h from UTC while line {lines[0]} is "
-                    f"{offset_h.iloc[0]:+g} h: mixed time zones; write all times in one zone",
-                )
-        elif time_zone is not None:
-            clock = clock_of(time_zone)
-        else:
-            fail(
-                lines[0],
-                f"the time {self.times['wall'].iloc[0]:%Y-%m-%d %H:%M} has no time zone; give time_zone, "
-                "such as 'UTC' or 'Europe/Berlin'",
-            )
+        clock = self._clock(time_zone)
         step = self._end_labels(repairs) if may_label_ends else None
         if step is not None and not _ascends(in_utc(self.times, clock)):
             # The clock at the start of the interval and a step, even where the clock changes in it.
@@ -126,8 +109,28 @@ class Columns:
             rows["utc"] -= step
         whole = ends_day(rows["utc"], clock) or ends_day(rows["utc"], UTC)
         if name == self.last and (self.ending is Ending.CUT or (self.ending is Ending.OPEN and not whole)):
-            refuse_end(lines[-1], self.ending)
+            refuse_end(self.times.index[-1], self.ending)
         return rows
+
+    def _clock(self, time_zone: str | None) -> tzinfo:
+        """Return the clock of the times: UTC where they have offsets, which then must be alike."""
+        lines, offset_h = self.times.index, self.times["offset_h"]
+        if have_offsets(self.times):
+            # Offsets differ by the hour of summer time at most.
+            if (line := first_line((offset_h - offset_h.iloc[0]).abs() > 1.0)) is not None:
+                fail(
+                    line,
+                    f"the time is {offset_h[line]:+g} h from UTC while line {lines[0]} is "
+                    f"{offset_h.iloc[0]:+g} h: mixed time zones; write all times in one zone",
+                )
+            return UTC
+        if name := time_zone or self.clock:
+            return clock_of(name)
+        fail(
+            lines[0],
+            f"the time {self.times['wall'].iloc[0]:%Y-%m-%d %H:%M} has no time zone; give time_zone, "
+            "such as 'UTC' or 'Europe/Berlin'",
+        )
 
 
 def _ascends(utc: pd.DatetimeIndex) -> bool:

@@ -6,7 +6,6 @@ from typing import Any, Final
 from bess.files import parse_json
 from bess.market.files import fail
 
-_MAX_DEPTH: Final = 8
 _OFFSET: Final = "utc_offset_seconds"
 
 
@@ -25,7 +24,7 @@ def json_rows(text: str) -> list[tuple[int, list[str]]]:
         document = parse_json(text)
     except ValueError as error:
         fail(None, f"begins like JSON but is damaged or truncated ({error}); fetch it again")
-    tables = [table for table in _tables(document, 0) if table[1]]
+    tables = [table for table in _tables(document) if table[1]]
     if not tables:
         fail(None, "is JSON without a list of times and values; export the series as CSV")
     names, rows = max(tables, key=lambda table: len(table[1]))
@@ -37,10 +36,8 @@ def json_rows(text: str) -> list[tuple[int, list[str]]]:
     return [(line, ["" if cell is None else str(cell) for cell in row]) for line, row in every]
 
 
-def _tables(node: Any, depth: int) -> Iterator[tuple[list[str], list[list[Any]]]]:
+def _tables(node: Any) -> Iterator[tuple[list[str], list[list[Any]]]]:
     """Yield the column names and rows of every table in a document."""
-    if depth > _MAX_DEPTH:
-        return
     if isinstance(node, Mapping):
         lists = {str(key): value for key, value in node.items() if _is_column(value)}
         longest = max(map(len, lists.values()), default=0)
@@ -48,7 +45,7 @@ def _tables(node: Any, depth: int) -> Iterator[tuple[list[str], list[list[Any]]]
         if len(columns) > 1:
             yield list(columns), [list(row) for row in zip(*columns.values(), strict=True)]
         for value in node.values():
-            yield from _tables(value, depth + 1)
+            yield from _tables(value)
     elif isinstance(node, list) and node:
         if all(isinstance(entry, Mapping) for entry in node):
             names = [str(key) for key, value in node[0].items() if _is_leaf(value)]

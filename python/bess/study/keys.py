@@ -18,6 +18,11 @@ def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
         raise InputError(f"{key} = {name!r}: no bundled item has this name; {nearest(name, list(bundled))}")
 
 
+def dotted(key: str) -> str:
+    """Return a key with its indices as parts: ``event.0.string`` for ``event[0].string``."""
+    return re.sub(r"\[(\d+)\]", r".\1", key)
+
+
 def value_at(document: object, key: str) -> Any:
     """Return the value of a dotted key, in which a number is an index of a list; None without one."""
     for part in key.split("."):
@@ -28,13 +33,10 @@ def value_at(document: object, key: str) -> Any:
 
 
 def with_value(document: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
-    """Return a copy of ``document`` in which the dotted ``key`` has ``value``.
-
-    An index addresses an item of a list: ``event.0.string`` or ``event[0].string``.
-    """
+    """Return a copy of ``document`` in which the dotted ``key`` has ``value``; see :func:`dotted`."""
     changed = copy.deepcopy(dict(document))
     node: Any = changed
-    *path, last = re.sub(r"\[(\d+)\]", r".\1", key).split(".")
+    *path, last = dotted(key).split(".")
     if len(path) > _MAX_DEPTH:
         raise InputError(f"{key[:80]}...: unknown key; no key has more than {_MAX_DEPTH} dots")
     for part in path:

@@ -9,6 +9,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from bess.files import Fill
+from bess.study.keys import dotted
 from bess.system.quantities import (
     AgeingModel,
     AtEndOfLife,
@@ -70,6 +71,9 @@ TimeZone = Annotated[str, AfterValidator(_time_zone)]
 Instant = Annotated[datetime, BeforeValidator(_not_a_number), AfterValidator(_aware)]
 
 
+DottedKey = Annotated[str, AfterValidator(dotted)]
+
+
 class SystemSection(Section):
     """Section ``[system]``: plant and its overrides.
 
@@ -79,7 +83,7 @@ class SystemSection(Section):
     """
 
     file: str = "reference"
-    n_strings: Annotated[int, Field(strict=True, ge=1, le=1000)] | None = None
+    n_strings: Annotated[int, within(1, 1000)] | None = None
     ambient_c: Temperature | None = None
     initial_soc: Fraction | tuple[Fraction, ...] | None = None
     initial_temperature_c: Temperature | tuple[Temperature, ...] | None = None
@@ -237,7 +241,7 @@ class Scenario(Section):
     """Table ``[[scenario]]``: name and dotted keys to set (as with ``--set``)."""
 
     name: RunName
-    set: dict[str, Any]
+    set: dict[DottedKey, Any]
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -255,12 +259,12 @@ class Axis(Section):
     between the best value so far and its neighbours.
     """
 
-    key: str | None = None
+    key: DottedKey | None = None
     values: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
     start: float | None = None
     stop: float | None = None
     count: Annotated[int, Field(strict=True, ge=2)] | None = None
-    simplex: Annotated[tuple[str, ...], Field(min_length=2)] | None = None
+    simplex: Annotated[tuple[DottedKey, ...], Field(min_length=2)] | None = None
     divisions: Count | None = None
     maximise: str | None = None
     refine: Count | None = None

@@ -17,7 +17,7 @@ from bess.display import as_table, one_line
 from bess.errors import InputError, nearest
 from bess.files import MissingFileError, missing
 from bess.study.demands import DEMAND_KINDS, TRADES, Demand, kind_of_demand
-from bess.study.keys import value_at, with_value
+from bess.study.keys import dotted, value_at, with_value
 from bess.study.sections import (
     Augmentation,
     Axis,
@@ -231,8 +231,8 @@ def _name_from(path: Path) -> str:
 
 
 def names_file(key: str) -> bool:
-    """Whether the value of a dotted key is the name of a file; an index addresses a list."""
-    return re.sub(r"\.\d+\.", ".*.", key) in _FILES
+    """Whether the value of a dotted key is the name of a file."""
+    return re.sub(r"\.\d+\.", ".*.", dotted(key)) in _FILES
 
 
 def _with_absolute_paths(node: Any, folder: Path, key: str = "") -> Any:

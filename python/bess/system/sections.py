@@ -59,8 +59,8 @@ class Inverter(Table):
     load: Annotated[tuple[Fraction, ...], Field(min_length=2), AfterValidator(ascending)]
     loss_charge: tuple[Loss, ...]
     loss_discharge: tuple[Loss, ...]
-    off_loss: Annotated[float, Field(strict=True), within(0.0, 0.1, "of nominal power", below=True)] = 0.0
-    min_power_kw: Annotated[float, Field(strict=True), within(0.0, 1.0, "kW", above=True)] = 1e-3
+    off_loss: Annotated[float, within(0.0, 0.1, "of nominal power", below=True)] = 0.0
+    min_power_kw: Annotated[float, within(0.0, 1.0, "kW", above=True)] = 1e-3
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -103,7 +103,7 @@ class SpatialThermal(Section):
 
     packs_per_string: Count
     length_m: Positive
-    nodes: Annotated[int, Field(strict=True), within(2, 10_000)]
+    nodes: Annotated[int, within(2, 10_000)]
     section_m2: Positive
     width_m: Positive
     density_kg_m3: Positive
@@ -160,7 +160,7 @@ class Wear(Section):
 class SystemDefaults(Section):
     """Section ``[system]``: number of strings, ambient and initial state."""
 
-    n_strings: Annotated[int, Field(strict=True), within(1, 1000)]
+    n_strings: Annotated[int, within(1, 1000)]
     ambient_c: Temperature = 25.0
     initial_soc: Fraction = 0.5
     initial_temperature_c: Temperature = 25.0
@@ -171,9 +171,9 @@ class SystemDefaults(Section):
 class Control(Section):
     """Section ``[control]``: control step, horizon and plant step."""
 
-    step_min: Annotated[float, Field(strict=True), within(0.0, 1440.0, "min", above=True)] = 15.0
-    horizon_steps: Annotated[int, Field(strict=True), within(1, 96)] = 8
-    plant_step_s: Annotated[float, Field(strict=True), within(1e-3, 86_400.0, "s")] = 10.0
+    step_min: Annotated[float, within(0.0, 1440.0, "min", above=True)] = 15.0
+    horizon_steps: Annotated[int, within(1, 96)] = 8
+    plant_step_s: Annotated[float, within(1e-3, 86_400.0, "s")] = 10.0
 
     @property
     def step_s(self) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bess.arrays import Array, ByValue, real_numbers
+from bess.arrays import Array, ByValue, number_array
 from bess.display import as_table, few, one_line
 from bess.errors import InputError
 
@@ -94,10 +94,7 @@ class State(ByValue):
 
 
 def _vector(name: str, values: ArrayLike) -> Array:
-    try:
-        array = real_numbers(values).copy()
-    except ValueError as error:
-        raise InputError(f"state: {name} must be one number for each string ({error})") from error
+    array = number_array(f"state: {name}", values).copy()
     if array.ndim != 1 or array.size == 0:
         raise InputError(
             f"state: {name} must be one number for each string, not an array of shape {array.shape}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from bess.control.policies.simplified import Model
 from bess.control.split.settings import SplitSettings
@@ -35,9 +35,9 @@ class PolicySection(SplitSettings):
     mode: Literal["plan", "certified"] | None = None
     file: str | None = None
     foresight_h: Annotated[float, within(0.0, 48.0, "h")] | None = None
-    rollouts: Annotated[int, Field(strict=True, ge=0, le=1_000_000)] | None = None
+    rollouts: Annotated[int, within(0, 1_000_000)] | None = None
     model: Model = "nonlinear"
-    horizon_steps: Annotated[int, Field(strict=True, ge=1, le=96)] | None = None
+    horizon_steps: Annotated[int, within(1, 96)] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

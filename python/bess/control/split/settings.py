@@ -8,8 +8,6 @@ from __future__ import annotations
 import sys
 from typing import Annotated, Final
 
-from pydantic import Field
-
 from bess.control.objectives import Objectives
 from bess.system.quantities import within
 from bess.system.section import PublicSection
@@ -29,9 +27,9 @@ class SplitSettings(PublicSection):
 
     objectives: Objectives = Objectives()
     """Weights, priorities, tolerances, normalisation."""
-    gap: Annotated[float, Field(strict=True), within(0.0, 1.0, above=True, below=True)] = 1e-3
+    gap: Annotated[float, within(0.0, 1.0, above=True, below=True)] = 1e-3
     """Relative gap at which a search stops."""
-    node_limit: Annotated[int, Field(strict=True), within(1, 1_000_000_000)] | None = None
+    node_limit: Annotated[int, within(1, 1_000_000_000)] | None = None
     """Maximum number of nodes of the branch and bound of each priority; the second part of the last branched
     node may exceed it, and the root of the convexified program is solved in addition. More nodes raise the
     rigorous bound and may find a better split. With 1, the root is solved if the rigorous gap exceeds 3 %;
@@ -40,7 +38,7 @@ class SplitSettings(PublicSection):
     two strings and four steps, 75 for two strings and eight steps: for larger problems fewer, with the
     square of the size), or as fit into ``time_limit_s`` if given. The policy ``mpc`` of a closed loop uses
     1 unless a limit is given."""
-    time_limit_s: Annotated[float, Field(strict=True), within(0.0, 1e9, "s")] | None = None
+    time_limit_s: Annotated[float, within(0.0, 1e9, "s")] | None = None
     """Maximum wall-clock time of a call; the incumbent is then returned and flagged. Results then depend on
     the speed of the machine; ``node_limit`` limits the computing effort reproducibly."""
 

@@ -238,60 +238,51 @@ class FcrArbitrageDemand(FcrDemand):
     ) -> tuple[Array, Arbitrage | None, CycleBudget | None]:
         if self.band == 0.0:
             raise InputError("demand.band = 0: leaves no energy for trade; give more, up to 1")
-        sold_kw, _, _ = super()._sold(setting, grid, price, capacity_price, band)
+        forecast, days = PerfectForecast(price), calendar_days(grid.index, self.market_time_zone)
         system, (capacity_kw, recharge_kw) = setting.system, self._powers(setting.system)
         power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
-        trade = self._trade(setting, grid, price, power_kw, band)
         store = StorageEstimator(system, self.efficiency)
 
         def size(state: State, limit_kw: Array) -> tuple[float, float]:
+            """Return the power and energy for trade of the strings in service."""
             capacity_kwh = store.capacity_kwh(state, limit_kw=limit_kw)
             window = EnergyWindow.of(
                 capacity_kw, self.duration_min, capacity_kwh, store.one_way_efficiency
             ).narrowed(self.band)
             return float(limit_kw.sum()) - capacity_kw - recharge_kw, window.high_kwh - window.low_kwh
 
-        budget = setting.budget_of(
-            grid, PerfectForecast(price), size, self.efficiency, self.look_ahead_h, self.cycles_per_day
-        )
-        if self.choose_capacity is not None:
-            power_kw += capacity_kw
-            stored_kwh = store.stored_kwh(system.initial_state())
-            sold_kw = reserve_blocks(
-                capacity_price,
-                price,
-                self._trade(setting, grid, price, power_kw, band),
-                blocks=four_hour_blocks(grid.index, self.market_time_zone),
-                max_reserve_kw=capacity_kw,
-                stored_kwh=max(0.0, stored_kwh - band.low_kwh),
-                foresight=self.choose_capacity == "perfect",
+        def trade(power_kw: float, reserved_kw: Array | float = 0.0) -> Arbitrage:
+            """Return the linear dispatch in the band, with a part of the power sold as reserve."""
+            return Arbitrage(
+                forecast,
+                days,
+                power_kw=power_kw,
+                energy_kwh=band.high_kwh - band.low_kwh,
+                efficiency=self.efficiency,
+                cycles_per_day=self.cycles_per_day,
+                look_ahead_h=self.look_ahead_h,
+                replan_h=self.replan_h,
+                dt_h=grid.dt_h,
+                reserved_kw=reserved_kw,
+                fees_eur_mwh=setting.terms.fees_eur_mwh,
             )
-            trade = self._trade(setting, grid, price, power_kw, band, sold_kw)
-        return sold_kw, trade, budget
 
-    def _trade(
-        self,
-        setting: Setting,
-        grid: TimeGrid,
-        price: Array,
-        power_kw: float,
-        band: EnergyWindow,
-        reserved_kw: Array | float = 0.0,
-    ) -> Arbitrage:
-        """Return the linear dispatch in a band of stored energy, with a part of the power sold as reserve."""
-        return Arbitrage(
-            PerfectForecast(price),
-            calendar_days(grid.index, self.market_time_zone),
-            power_kw=power_kw,
-            energy_kwh=band.high_kwh - band.low_kwh,
-            efficiency=self.efficiency,
-            cycles_per_day=self.cycles_per_day,
-            look_ahead_h=self.look_ahead_h,
-            replan_h=self.replan_h,
-            dt_h=grid.dt_h,
-            reserved_kw=reserved_kw,
-            fees_eur_mwh=setting.terms.fees_eur_mwh,
+        budget = setting.budget_of(
+            grid, forecast, size, self.efficiency, self.look_ahead_h, self.cycles_per_day
         )
+        if self.choose_capacity is None:
+            return np.full(grid.n_steps, capacity_kw), trade(power_kw), budget
+        stored_kwh = store.stored_kwh(system.initial_state())
+        sold_kw = reserve_blocks(
+            capacity_price,
+            price,
+            trade(power_kw + capacity_kw),
+            blocks=four_hour_blocks(grid.index, self.market_time_zone),
+            max_reserve_kw=capacity_kw,
+            stored_kwh=max(0.0, stored_kwh - band.low_kwh),
+            foresight=self.choose_capacity == "perfect",
+        )
+        return sold_kw, trade(power_kw + capacity_kw, sold_kw), budget
 
 
 def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
