@@ -61,7 +61,7 @@ def test_a_component_named_in_a_file_is_changed_by_the_study(tmp_path: Path) -> 
 def test_a_parameter_that_reaches_no_string_is_refused() -> None:
     with pytest.raises(
         bess.InputError,
-        match=r"battery\.r_scale: every string of unequal-4 has its own value; set it in \[\[",
+        match=r"battery\.r_scale: every string has its own value; set it in \[\[",
     ):
         system_with("unequal-4", battery={"r_scale": 2.0})
     scales = [{"battery": {"r_scale": scale}} for scale in (1.0, 1.5, 2.0, 3.0)]

@@ -25,14 +25,15 @@ def build_system(
         raise InputError(f"system must be a bess.System, not {type(given).__name__}; see bess.load_system")
     name = choice.file if given is None else given.name
     document = _document(choice.file) if given is None else copy.deepcopy(given.document)
-    check_layout(document, name)
-    parameters = plain(choice.parameters, "system.parameters")
-    check_layout(parameters, "system.parameters")
-    _check_reach(document, parameters, name)
+    with placed("system.parameters"):
+        parameters = plain(choice.parameters)
+        check_layout(parameters)
     with placed(name):
+        check_layout(document)
+        _check_reach(document, parameters)
         document = put_over(put_over({}, document), parameters)
+        n_strings = choice.n_strings or string_count(document)
     site, strings = document.setdefault("system", {}), document.get("string", [])
-    n_strings = choice.n_strings or string_count(document, name)
     if choice.n_strings is not None or strings:
         site["n_strings"] = n_strings
     if choice.ambient_c is not None:
@@ -61,16 +62,16 @@ def _document(file: str) -> dict[str, Any]:
     return system_document(file) if file in SYSTEMS else read_toml(Path(file))
 
 
-def _check_reach(document: Mapping[str, Any], parameters: Mapping[str, Any], name: str) -> None:
+def _check_reach(document: Mapping[str, Any], parameters: Mapping[str, Any]) -> None:
     """Raise for parameters without effect, because every string overrides them."""
     strings = document.get("string", [])
-    if "string" in parameters or len(strings) < string_count(document, name):
+    if "string" in parameters or len(strings) < string_count(document):
         return
     for section, table in parameters.items():
         for key in table if isinstance(table, Mapping) else ():
             if all(replaced(entry.get(section), section, key) for entry in strings):
                 raise InputError(
-                    f"system.parameters.{section}.{key}: every string of {name} has its own value; "
+                    f"system.parameters.{section}.{key}: every string has its own value; "
                     "set it in [[system.parameters.string]] tables, one per string"
                 )
 

@@ -119,7 +119,7 @@ class Study(Section):
         try:
             study = cls.model_validate(document)
         except ValidationError as error:
-            raise InputError(describe(error.errors(), place, cls)) from error
+            raise InputError(f"{place}: {describe(error.errors(), cls)}") from error
         try:
             study.to_toml().encode()
         except (TypeError, ValueError) as error:  # None; no UTF-8; thousands of digits

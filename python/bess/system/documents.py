@@ -51,22 +51,19 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: {what} ({error})") from error
 
 
-def plain(value: object, name: str, place: str = "", depth: int = 0) -> Any:
+def plain(value: object, place: str = "", depth: int = 0) -> Any:
     """Return a copy of ``value``, which may contain tables, lists, strings and numbers only."""
     if depth > _MAX_DEPTH:
-        raise InputError(f"{name}: {place[:80]}...: nested deeper than {_MAX_DEPTH} levels")
+        raise InputError(f"{place[:80]}...: nested deeper than {_MAX_DEPTH} levels")
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {
-            str(key): plain(item, name, f"{place}.{key}".lstrip("."), depth + 1)
-            for key, item in value.items()
-        }
+        return {str(key): plain(item, f"{place}.{key}".lstrip("."), depth + 1) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item, name, f"{place}[{index}]", depth + 1) for index, item in enumerate(value)]
+        return [plain(item, f"{place}[{index}]", depth + 1) for index, item in enumerate(value)]
     if isinstance(value, str | int | float):
         return value
-    raise InputError(f"{name}: {place} = {value!r}: must be a number, a text, a list or a table")
+    raise InputError(f"{place} = {value!r}: must be a number, a text, a list or a table")
 
 
 def deep_merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
@@ -80,10 +77,8 @@ def deep_merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str
     return merged
 
 
-def describe(
-    found: Sequence[Mapping[str, Any]], name: str, model: type[BaseModel], *, prefix: str = ""
-) -> str:
-    """Return one sentence for each validation error, joined by ``; ``: file, key, value, allowed values.
+def describe(found: Sequence[Mapping[str, Any]], model: type[BaseModel], prefix: str = "") -> str:
+    """Return one sentence for each validation error, joined by ``; ``: key, value, allowed values.
 
     ``found`` is from ``ValidationError.errors()`` of ``model``. The sentence of an unknown key names the most
     similar key of the same table.
@@ -111,7 +106,7 @@ def describe(
     if len(sentences) > _SHOWN_PROBLEMS:
         more = len(sentences) - _SHOWN_PROBLEMS
         sentences[_SHOWN_PROBLEMS:] = [f"and {more} more problem{'s' if more > 1 else ''}"]
-    return f"{name}: " + "; ".join(sentences)
+    return "; ".join(sentences)
 
 
 def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:

@@ -62,45 +62,41 @@ STRING_SECTIONS = keys_of(StringParameters)
 """Sections that a ``[[string]]`` table may override, by their name in a file."""
 
 
-def parse_system(
-    document: Mapping[str, Any], name: str
-) -> tuple[tuple[StringParameters, ...], PlantSections]:
+def parse_system(document: Mapping[str, Any]) -> tuple[tuple[StringParameters, ...], PlantSections]:
     """Validate a document; return the sections of every string and those of the whole plant."""
-    check_layout(document, name)
+    check_layout(document)
     overrides = document.get("string", [])
     site = document.get("system", {})
     whole = {key: document[key] for key in PlantSections.model_fields if key in document}
-    plant = _validated(PlantSections, whole, name, "")
-    n_strings = string_count(document, name)
+    plant = _validated(PlantSections, whole)
+    n_strings = string_count(document)
     whole_site = {**site, "n_strings": n_strings}
     if len(overrides) > n_strings:
-        raise InputError(f"{name}: {len(overrides)} [[string]] tables for system.n_strings = {n_strings}")
+        raise InputError(f"{len(overrides)} [[string]] tables for system.n_strings = {n_strings}")
 
     base = {key: document.get(key, {}) for key in STRING_SECTIONS} | {"system": whole_site}
     without_table = n_strings - len(overrides)
-    alike = [_string({}, base, name, "")] * without_table if without_table else []
+    alike = [_string({}, base, "")] * without_table if without_table else []
     strings = []
     for index, override in enumerate(overrides):
         place = f"string[{index}]."
         if unknown := sorted(set(override) - set(STRING_SECTIONS)):
-            raise InputError(
-                f"{name}: {place}{unknown[0]}: unknown section; allowed: {', '.join(STRING_SECTIONS)}"
-            )
-        _check_single(override, f"{name}: {place}")
+            raise InputError(f"{place}{unknown[0]}: unknown section; allowed: {', '.join(STRING_SECTIONS)}")
+        _check_single(override, place)
         own_site = override.get("system", {})
         if isinstance(own_site, Mapping) and (misplaced := sorted(set(own_site) - set(PER_STRING_SITE))):
             raise InputError(
-                f"{name}: {place}system.{misplaced[0]}: not a key of one string; "
+                f"{place}system.{misplaced[0]}: not a key of one string; "
                 f"allowed: {', '.join(PER_STRING_SITE)}"
             )
-        strings.append(_string(base, override, name, place))
+        strings.append(_string(base, override, place))
     return (*strings, *alike), plant
 
 
-def check_layout(document: object, name: str) -> None:
+def check_layout(document: object) -> None:
     """Raise :class:`InputError` unless ``document`` consists of sections of a system file."""
     if not isinstance(document, Mapping):
-        raise InputError(f"{name}: a system is a table of sections, not {type(document).__name__}")
+        raise InputError(f"a system is a table of sections, not {type(document).__name__}")
     known = {*STRING_SECTIONS, *PlantSections.model_fields, "string"}
     if unknown := sorted(set(document) - known):
         homes = [
@@ -109,14 +105,14 @@ def check_layout(document: object, name: str) -> None:
             if unknown[0] in getattr(field.annotation, "model_fields", ())
         ]
         remedy = f"it is a key of section {homes[0]!r}" if homes else f"allowed: {', '.join(sorted(known))}"
-        raise InputError(f"{name}: unknown section {unknown[0]!r}; {remedy}")
+        raise InputError(f"unknown section {unknown[0]!r}; {remedy}")
     overrides = document.get("string", [])
     if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):
-        raise InputError(f"{name}: string: write one [[string]] table for each string")
-    _check_single(document, f"{name}: ")
+        raise InputError("string: write one [[string]] table for each string")
+    _check_single(document, "")
     for section in (*STRING_SECTIONS, *PlantSections.model_fields):
         if not isinstance(document.get(section, {}), Mapping):
-            raise InputError(f"{name}: {section}: must be a table")
+            raise InputError(f"{section}: must be a table")
 
 
 def _check_single(document: Mapping[str, Any], place: str) -> None:
@@ -130,10 +126,10 @@ def _check_single(document: Mapping[str, Any], place: str) -> None:
             )
 
 
-def string_count(document: Mapping[str, Any], name: str) -> int:
+def string_count(document: Mapping[str, Any]) -> int:
     """Return the number of strings: ``system.n_strings``, otherwise the number of string tables."""
     whole_site = {"n_strings": len(document.get("string", [])) or 1, **document.get("system", {})}
-    return _validated(SystemDefaults, whole_site, name, "system.").n_strings
+    return _validated(SystemDefaults, whole_site, "system.").n_strings
 
 
 def put_over(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
@@ -161,16 +157,16 @@ def replaced(override: object, section: str, key: str) -> bool:
     return key in override and not isinstance(override[key], Mapping)
 
 
-def _string(base: Mapping[str, Any], override: Mapping[str, Any], name: str, place: str) -> StringParameters:
+def _string(base: Mapping[str, Any], override: Mapping[str, Any], place: str) -> StringParameters:
     try:
         sections = put_over(put_over({}, base), override)
     except InputError as error:
-        raise InputError(f"{name}: {place}{error}") from error
-    return _validated(StringParameters, sections, name, place)
+        raise InputError(f"{place}{error}") from error
+    return _validated(StringParameters, sections, place)
 
 
-def _validated(kind: type[_T], table: object, name: str, prefix: str) -> _T:
+def _validated(kind: type[_T], table: object, prefix: str = "") -> _T:
     try:
         return kind.model_validate(table)
     except ValidationError as error:
-        raise InputError(describe(error.errors(), name, kind, prefix=prefix)) from error
+        raise InputError(describe(error.errors(), kind, prefix)) from error

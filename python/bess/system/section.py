@@ -21,7 +21,8 @@ class PublicSection(Section):
         try:
             super().__init__(**values)
         except ValidationError as error:
-            raise InputError(describe(error.errors(), type(self).__name__, type(self))) from error
+            message = describe(error.errors(), type(self))
+            raise InputError(f"{type(self).__name__}: {message}") from error
 
     # Inside a file, pydantic fills the fields without this method: the error names the place in the file.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]

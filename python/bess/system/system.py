@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from bess import _core
 from bess.arrays import Array, each_step
 from bess.display import as_table
-from bess.errors import InputError
+from bess.errors import InputError, placed
 from bess.files import MissingFileError
 from bess.system.components.registry import SYSTEMS, system_document
 from bess.system.documents import plain, read_toml
@@ -53,25 +53,14 @@ class System:
 
     def __init__(self, document: Mapping[str, Any], *, name: str = "system") -> None:
         self.name = name
-        self.document: dict[str, Any] = plain(document, name)
-        strings, plant = parse_system(self.document, name)
-        self.control, self.cooling = plant.control, plant.cooling
-        self.strings: tuple[StringParameters, ...] = strings
-        self.ambient_c: float = strings[0].site.ambient_c
-        self.core = self._tables()
-        self.lumped: Lumped | None = None
-        if self.cooling is not None:
-            try:
-                self.lumped = identify(self.core, strings, self.control)
-            except ValueError as error:
-                raise InputError(f"{name}: {error}") from error
-            cooled = []
-            for string, k1, k2 in zip(strings, self.lumped.k1_k_per_j, self.lumped.k2_per_s, strict=True):
-                lumped = LumpedThermal(k1_k_per_j=float(k1), k2_per_s=float(k2))
-                thermal = string.thermal.model_copy(update={"lumped": lumped})
-                cooled.append(string.model_copy(update={"thermal": thermal}))
-            self.strings = tuple(cooled)
+        with placed(name):
+            self.document: dict[str, Any] = plain(document)
+            strings, plant = parse_system(self.document)
+            self.control, self.cooling = plant.control, plant.cooling
+            self.strings: tuple[StringParameters, ...] = strings
+            self.ambient_c: float = strings[0].site.ambient_c
             self.core = self._tables()
+            self.lumped = None if self.cooling is None else self._identified()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the objects of the core, which are rebuilt on loading."""
@@ -90,13 +79,28 @@ class System:
     def __hash__(self) -> int:
         return hash((self.n_strings, self.ambient_c))
 
+    def _identified(self) -> Lumped:
+        """Identify the lumped thermal model of a cooled plant, and put it into the strings."""
+        try:
+            found = identify(self.core, self.strings, self.control)
+        except ValueError as error:
+            raise InputError(str(error)) from error
+        cooled = []
+        for string, k1, k2 in zip(self.strings, found.k1_k_per_j, found.k2_per_s, strict=True):
+            lumped = LumpedThermal(k1_k_per_j=float(k1), k2_per_s=float(k2))
+            thermal = string.thermal.model_copy(update={"lumped": lumped})
+            cooled.append(string.model_copy(update={"thermal": thermal}))
+        self.strings = tuple(cooled)
+        self.core = self._tables()
+        return found
+
     def _tables(self) -> _core.System:
         cooling = None if self.cooling is None else self.cooling.model_dump()
         document = {"strings": [string.core_document() for string in self.strings], "cooling": cooling}
         try:
             return _core.System(json.dumps(document))
         except ValueError as error:
-            raise InputError(f"{self.name}: {error}") from error
+            raise InputError(str(error)) from error
 
     @property
     def reference_temperature_c(self) -> float:

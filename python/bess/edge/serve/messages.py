@@ -109,8 +109,8 @@ def sentence(problems: Sequence[Any], path: str) -> str:
     if not inside[0]["loc"]:
         return f"the body must be a JSON object, such as {_BODIES[path][1]}"
     if unknown := [problem for problem in inside if problem["type"] == "extra_forbidden"]:
-        return describe(unknown[:1], "", _BODIES[path][0]).removeprefix(": ")
-    return describe(inside, "", _BODIES[path][0]).removeprefix(": ").split("; ")[0]
+        return describe(unknown[:1], _BODIES[path][0])
+    return describe(inside, _BODIES[path][0]).split("; ")[0]
 
 
 def measurements_of(message: SplitMessage, system: System) -> Measurements:
