@@ -105,7 +105,7 @@ BAD_SETTINGS = {
     "system.ambient_c=900": "must be in [-60, 150] degC",
     "system.n_strings=0": "system.n_strings = 0",
     "system.parameters.control.step_min=7": "whole number of steps of",
-    "system.parameters.batery.r_scale=1": "unknown section 'batery'; allowed: ",
+    "system.parameters.batery.r_scale=1": "unknown section 'batery'; did you mean 'battery'?",
     "system.parameters.initial_soc=1": "unknown section 'initial_soc'; it is a key of section 'system'",
     "system.file=nosuch": "system.file = 'nosuch': no bundled item has this name; allowed: reference",
     "system.file=referense": "did you mean 'reference'?",

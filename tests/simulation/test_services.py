@@ -287,6 +287,15 @@ def test_tender_results_without_the_regular_tender_are_refused(tmp_path: Path) -
         read_capacity_prices(tmp_path / "tender.csv", 7)  # type: ignore[arg-type]
 
 
+def test_repairs_of_tender_results_are_noted(tmp_path: Path) -> None:
+    blocks = [f"01.01.2024;{n};NEGPOS_{h:02d}_{h + 4:02d};12,5\n" for n in (1, 2) for h in range(0, 24, 4)]
+    header = "DATE_FROM;TENDER_NUMBER;PRODUCTNAME;GERMANY_SETTLEMENTCAPACITY_PRICE_[EUR/MW]\n"
+    (tmp_path / "tender.csv").write_text(header + "".join(blocks))
+    values = {"demand.capacity_prices": str(tmp_path / "tender.csv"), "run.days": 0.5}
+    inputs = prepare(bess.load_study("fcr", values | {"run.start": "2024-01-01T00:00:00Z"}))
+    assert "repaired: left out rows of repeated tenders (6 rows)" in inputs.notes
+
+
 # On measured files
 
 

@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 from pydantic import Field, ValidationError
 
-from bess.errors import InputError
+from bess.errors import InputError, nearest
 from bess.system.battery import Battery
 from bess.system.components.registry import CELL_KEYS, INVERTER_KEYS, cell_tables, inverter_section
 from bess.system.cooling import Cooling
@@ -81,13 +81,13 @@ def parse_system(document: Mapping[str, Any]) -> tuple[tuple[StringParameters, .
     for index, override in enumerate(overrides):
         place = f"string[{index}]."
         if unknown := sorted(set(override) - set(STRING_SECTIONS)):
-            raise InputError(f"{place}{unknown[0]}: unknown section; allowed: {', '.join(STRING_SECTIONS)}")
+            raise InputError(f"{place}{unknown[0]}: unknown section; {nearest(unknown[0], STRING_SECTIONS)}")
         _check_single(override, place)
         own_site = override.get("system", {})
         if isinstance(own_site, Mapping) and (misplaced := sorted(set(own_site) - set(PER_STRING_SITE))):
             raise InputError(
                 f"{place}system.{misplaced[0]}: not a key of one string; "
-                f"allowed: {', '.join(PER_STRING_SITE)}"
+                + nearest(misplaced[0], PER_STRING_SITE)
             )
         strings.append(_string(base, override, place))
     return (*strings, *alike), plant
@@ -104,7 +104,7 @@ def check_layout(document: object) -> None:
             for section, field in STRING_SECTIONS.items()
             if unknown[0] in getattr(field.annotation, "model_fields", ())
         ]
-        remedy = f"it is a key of section {homes[0]!r}" if homes else f"allowed: {', '.join(sorted(known))}"
+        remedy = f"it is a key of section {homes[0]!r}" if homes else nearest(unknown[0], sorted(known))
         raise InputError(f"unknown section {unknown[0]!r}; {remedy}")
     overrides = document.get("string", [])
     if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):

@@ -206,9 +206,10 @@ class FcrDemand(DemandSection):
         file = self.capacity_prices
         if file is None:
             return np.full(grid.n_steps, self.capacity_price_eur_mw / _BLOCK_H)
-        setting.note(f"capacity prices: {file}")
         read = read_capacity_prices(file, self.country, time_zone=self.time_zone)
-        return setting.series_of(read, file, "demand.capacity_prices").on(grid)
+        price = setting.series_of(read, file, "demand.capacity_prices")
+        setting.note(f"capacity prices: {file}", price)
+        return price.on(grid)
 
 
 class FcrArbitrageDemand(FcrDemand):
