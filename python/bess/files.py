@@ -8,6 +8,7 @@ import stat
 import tomllib
 from collections.abc import Callable
 from functools import partial
+from importlib import resources
 from io import BufferedIOBase
 from pathlib import Path
 from typing import IO, Any, Final, Literal
@@ -75,6 +76,11 @@ def parse_toml(text: str) -> dict[str, Any]:
     """
     document: dict[str, Any] = _parsed(tomllib.loads, text)
     return document
+
+
+def bundled_toml(name: str) -> dict[str, Any]:
+    """Parse a file of the package by its path in ``bess/data``."""
+    return tomllib.loads((resources.files("bess.data") / name).read_text("utf-8"))
 
 
 def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:

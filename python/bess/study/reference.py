@@ -6,12 +6,10 @@ tables of the manual.
 """
 
 import json
-import tomllib
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -19,6 +17,7 @@ from typing import Any, Final, Literal
 from pydantic import create_model
 
 from bess.errors import InputError
+from bess.files import bundled_toml
 from bess.study.study import Study
 from bess.system.parse import COMPONENTS, STRING_SECTIONS, PlantSections
 from bess.system.section import Section
@@ -65,8 +64,7 @@ class Key:
 @cache
 def meanings(kind: Kind) -> dict[str, str]:
     """Meaning of each dotted key; ``*`` stands for one name."""
-    text = (resources.files("bess.data") / "keys.toml").read_text("utf-8")
-    entries: dict[str, str] = tomllib.loads(text)[kind]
+    entries: dict[str, str] = bundled_toml("keys.toml")[kind]
     return entries
 
 

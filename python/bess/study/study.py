@@ -1,11 +1,9 @@
 """Studies: definition of closed-loop runs, read from TOML and validated."""
 
 import re
-import tomllib
 import unicodedata
 from collections.abc import Mapping
 from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, Self
 
@@ -15,7 +13,7 @@ from pydantic import ModelWrapValidatorHandler, ValidationError, model_validator
 from bess.control.policies.settings import PolicySection
 from bess.display import as_table, one_line
 from bess.errors import InputError, nearest
-from bess.files import MissingFileError, missing
+from bess.files import MissingFileError, bundled_toml, missing
 from bess.study.demands import DEMAND_KINDS, TRADES, Demand, kind_of_demand
 from bess.study.keys import dotted, value_at, with_value
 from bess.study.sections import (
@@ -176,17 +174,16 @@ class Study(Section):
 
 def bundled_studies() -> dict[str, str]:
     """Return the names of the bundled studies with their titles."""
-    return {name: _parsed(file).get("title", "") for name, file in _bundled().items()}
+    return {name: _bundled(name).get("title", "") for name in _bundled_names()}
 
 
-def _bundled() -> dict[str, Traversable]:
-    """Files of the bundled studies by name."""
-    entries = sorted(resources.files("bess.data.studies").iterdir(), key=lambda entry: entry.name)
-    return {each.name.removesuffix(".toml"): each for each in entries if each.name.endswith(".toml")}
+def _bundled_names() -> list[str]:
+    files = [each.name for each in (resources.files("bess.data") / "studies").iterdir()]
+    return sorted(file.removesuffix(".toml") for file in files if file.endswith(".toml"))
 
 
-def _parsed(file: Traversable) -> dict[str, Any]:
-    return tomllib.loads(file.read_text("utf-8"))
+def _bundled(name: str) -> dict[str, Any]:
+    return bundled_toml(f"studies/{name}.toml")
 
 
 def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Study:
@@ -206,9 +203,9 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
     """
     if not isinstance(name, str | Path):
         raise InputError(f"a study is a bundled name or a path, not {type(name).__name__}")
-    path, bundled = Path(name), _bundled()
+    path, bundled = Path(name), _bundled_names()
     if str(name) in bundled:
-        document = {"name": str(name), **_parsed(bundled[str(name)])}
+        document = {"name": str(name), **_bundled(str(name))}
     else:
         try:
             document = {"name": _name_from(path), **read_toml(path)}

@@ -7,13 +7,12 @@ a KPI that is not listed here. Every table uses the order of the catalogue.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from importlib import resources
 from typing import Final
 
 from bess.errors import InputError
+from bess.files import bundled_toml
 from bess.simulation.analysis.pareto import Direction
 
 Kpis = Mapping[str, float]
@@ -74,7 +73,7 @@ class Kpi:
         return f"{self.number(value)} {self.unit}".rstrip()
 
 
-_TABLE = tomllib.loads((resources.files("bess.data") / "kpis.toml").read_text("utf-8"))
+_TABLE = bundled_toml("kpis.toml")
 CATALOGUE: Final = {name: Kpi(**entry) for name, entry in _TABLE.items()}
 """All KPIs, by their names in :func:`bess.kpis`."""
 

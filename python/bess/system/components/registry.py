@@ -5,13 +5,12 @@ is the cell-level part of a ``[battery]`` section. An inverter is an ``[inverter
 table with the coefficients of the CEC list, which is converted to a loss table here.
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any
 
 from bess.errors import InputError
+from bess.files import bundled_toml
 from bess.system.components.losses import inverter_from_sandia
 
 SYSTEMS = {
@@ -102,7 +101,7 @@ def inverter_section(name: str) -> dict[str, Any]:
 
 
 def _entries(files: Mapping[str, str], part: str) -> tuple[Entry, ...]:
-    abouts = {name: _parse(file)["about"] for name, file in files.items()}
+    abouts = {name: bundled_toml(file)["about"] for name, file in files.items()}
     return tuple(
         Entry(name, about.get(part, about["description"]), about["source"], about["licence"])
         for name, about in abouts.items()
@@ -112,8 +111,4 @@ def _entries(files: Mapping[str, str], part: str) -> tuple[Entry, ...]:
 def _read(key: str, files: Mapping[str, str], name: object) -> dict[str, Any]:
     if not isinstance(name, str) or name not in files:
         raise InputError(f"{key} = {name!r}: no such name; bundled are {', '.join(files)} (see `bess list`)")
-    return _parse(files[name])
-
-
-def _parse(file: str) -> dict[str, Any]:
-    return tomllib.loads(resources.files("bess.data").joinpath(file).read_text(encoding="utf-8"))
+    return bundled_toml(files[name])
