@@ -338,6 +338,15 @@ def test_a_typical_year_is_read_with_its_clock_and_laid_onto_any_year(form, tmp_
     assert laid["2024-02-29 07:00+00:00"] == laid["2024-02-28 07:00+00:00"]
 
 
+def test_the_8760_hours_of_a_leap_year_are_a_typical_year(tmp_path):
+    text = "".join(
+        line.replace(line[:5], "2016,", 1) if line[:2] == "20" else line for line in epw().splitlines(True)
+    )
+    series = bess.read_weather(write(tmp_path, text))
+    np.testing.assert_allclose(series, DEGREES)
+    assert series.attrs["typical_year"] and not series.attrs["repairs"]
+
+
 def test_a_study_runs_in_any_year_on_a_typical_one(tmp_path):
     path = write(tmp_path, epw(), "munich.epw")
     values = {

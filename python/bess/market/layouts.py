@@ -6,6 +6,7 @@
 - ``marginalpdbc`` of OMIE: year, month, day, period of the local day, prices of Portugal and Spain.
 """
 
+import calendar
 import re
 from typing import Final
 
@@ -19,6 +20,8 @@ from bess.units import SECONDS_PER_HOUR
 
 _NOMINAL_YEAR: Final = "2001"
 """Calendar year of a typical year without a year or with several years; not a leap year."""
+_HOURS: Final = 8760
+"""Hours of a year without a 29 February."""
 _EPW_TEMPERATURE: Final = 6
 _EPW_TIME_ZONE: Final = 8
 _OMIE: Final = "MARGINALPDBC"
@@ -69,7 +72,9 @@ def _hours_of_a_year(rows: dict[int, list[str]], offset_h: float) -> pd.DataFram
     if not rows:
         fail(1, "there is a header but no rows of hours; fetch the file again")
     frame = pd.DataFrame.from_dict(rows, "index", columns=["year", "month", "day", "hour", "value"])
-    nominal = frame["year"].iloc[0] if frame["year"].nunique() == 1 else _NOMINAL_YEAR
+    nominal, *others = frame["year"].unique()
+    if others or (calendar.isleap(int(nominal)) and len(frame) == _HOURS):
+        nominal = _NOMINAL_YEAR
     start = _days(frame.assign(year=nominal)) + _counted(frame["hour"], 60)
     if (line := first_line(start.isna())) is not None:
         _, month, day, hour, _ = frame.loc[line]
