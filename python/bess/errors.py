@@ -10,6 +10,8 @@ from contextlib import contextmanager
 
 _MAX_LENGTH = 2000
 """Characters of a message."""
+_MAX_NAMES = 20
+_MAX_NAME_LENGTH = 60
 
 
 class BessError(Exception):
@@ -47,6 +49,13 @@ def nearest(name: str, allowed: Iterable[str], prefix: str = "") -> str:
     names = list(allowed)
     close = difflib.get_close_matches(name, names, 1)
     return f"did you mean {prefix + close[0]!r}?" if close else f"allowed: {', '.join(names)}"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names for a message: all of a short list, the first of a long one."""
+    texts = [name if len(name) <= _MAX_NAME_LENGTH else f"{name[:_MAX_NAME_LENGTH]}..." for name in names]
+    more = len(texts) - _MAX_NAMES
+    return ", ".join(texts[:_MAX_NAMES]) + (f" and {more} more" if more > 0 else "") or "(none)"
 
 
 def by_reason(problems: Mapping[str, str]) -> list[str]:

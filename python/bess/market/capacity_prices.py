@@ -6,8 +6,9 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from bess.errors import listed
 from bess.market.columns import Columns, parquet_columns, table_columns
-from bess.market.files import Repairs, fail, first_line, listed, reading
+from bess.market.files import Repairs, fail, first_line, reading
 from bess.market.numbers import parse_numbers
 from bess.market.regular import regular
 from bess.market.table import Table, read_table

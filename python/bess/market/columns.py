@@ -11,20 +11,12 @@ from typing import Final, Literal
 import numpy as np
 import pandas as pd
 
-from bess.market.files import Repairs, fail, first_line, listed
+from bess.errors import listed
+from bess.market.files import Repairs, fail, first_line
+from bess.market.layouts import offset_label
 from bess.market.numbers import check_size, parse_numbers
 from bess.market.table import Ending, Table, read_table
-from bess.market.times import (
-    YEARS,
-    clock_of,
-    ends_day,
-    have_offsets,
-    in_utc,
-    is_time,
-    offset_label,
-    parse_times,
-    to_utc,
-)
+from bess.market.times import YEARS, clock_of, ends_day, have_offsets, in_utc, is_time, parse_times, to_utc
 from bess.optional_dependencies import extra
 from bess.units import SECONDS_PER_HOUR
 

@@ -14,7 +14,8 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pandas as pd
 
-from bess.market.files import Repairs, fail, first_line, listed
+from bess.errors import listed
+from bess.market.files import Repairs, fail, first_line
 from bess.market.numbers import parse_numbers
 from bess.market.table import Table
 from bess.market.times import by_label, clock_of, have_offsets, localise, parse_times, to_utc

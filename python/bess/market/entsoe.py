@@ -11,8 +11,9 @@ from typing import Final
 
 import pandas as pd
 
+from bess.errors import listed
 from bess.market.columns import named_clock
-from bess.market.files import Repairs, fail, listed
+from bess.market.files import Repairs, fail
 from bess.market.numbers import parse_numbers
 from bess.market.table import Table
 from bess.market.times import clock_of, in_utc, parse_times, to_utc

@@ -5,14 +5,14 @@ import io
 import logging
 import os
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from os import PathLike
 from typing import Final, NamedTuple, NoReturn
 
 import pandas as pd
 
-from bess.errors import InputError, placed
+from bess.errors import InputError, listed, placed
 from bess.files import MAX_BYTES, limited, read_file
 
 log = logging.getLogger("bess.market")
@@ -21,8 +21,6 @@ _UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
 _MARKS: Final = (b"\xef\xbb\xbf", *_UTF16_MARKS)
 _STATION: Final = "produkt_"
 """How the member with the values begins in archives of the German weather service."""
-_MAX_NAMES: Final = 20
-_MAX_NAME_LENGTH: Final = 60
 _OTHER_KINDS: Final = {
     b"%PDF": "a PDF document; export the table as CSV",
     b"\xd0\xcf\x11\xe0": "an Excel workbook of the old kind (.xls); save it as .xlsx or CSV",
@@ -103,13 +101,6 @@ def reading(path: str | PathLike[str]) -> Iterator[tuple[bytes, Repairs]]:
     with placed(name):
         yield _unpacked(raw), repairs
     repairs.report(name)
-
-
-def listed(names: Iterable[str]) -> str:
-    """Return names for a message: all of a short list, the first of a long one."""
-    texts = [name if len(name) <= _MAX_NAME_LENGTH else f"{name[:_MAX_NAME_LENGTH]}..." for name in names]
-    more = len(texts) - _MAX_NAMES
-    return ", ".join(texts[:_MAX_NAMES]) + (f" and {more} more" if more > 0 else "") or "(none)"
 
 
 def _path_text(path: str | PathLike[str]) -> str:

@@ -15,8 +15,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from bess.market.files import fail, first_line
-from bess.market.times import offset_label
-from bess.units import SECONDS_PER_HOUR
+from bess.units import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
 
 _NOMINAL_YEAR: Final = "2001"
 """Calendar year of a typical year without a year or with several years; not a leap year."""
@@ -99,6 +98,12 @@ def _omie(text: str) -> pd.DataFrame:
         fail(line, f"{';'.join(rows[line][:4])} is no period of a day; fetch the file again")
     prices = {f"{zone} [EUR/MWh]": frame[zone] for zone in ("PT", "ES")}
     return pd.DataFrame({"time": start.dt.strftime("%Y-%m-%dT%H:%MZ"), **prices})
+
+
+def offset_label(seconds: float) -> str:
+    """Return an offset from UTC as text, such as ``+01:00``."""
+    minutes = round(seconds / SECONDS_PER_MINUTE)
+    return f"{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}"
 
 
 def _days(frame: pd.DataFrame) -> pd.Series:

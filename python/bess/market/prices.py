@@ -7,11 +7,11 @@ from typing import Final
 
 import pandas as pd
 
-from bess.errors import InputError
+from bess.errors import InputError, listed
 from bess.files import Fill
 from bess.market import energy_charts, entsoe, smard
 from bess.market.columns import Columns, parquet_columns, refuse_end, table_columns, without_unit
-from bess.market.files import Repairs, fail, listed, reading
+from bess.market.files import Repairs, fail, reading
 from bess.market.regular import regular
 from bess.market.table import Ending, Table, read_table
 from bess.market.times import ends_day

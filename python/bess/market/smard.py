@@ -10,7 +10,8 @@ from typing import Final
 
 import pandas as pd
 
-from bess.market.files import Repairs, fail, listed
+from bess.errors import listed
+from bess.market.files import Repairs, fail
 from bess.market.numbers import MISSING, parse_numbers
 from bess.market.table import Table
 from bess.market.times import clock_of, parse_times, to_utc

@@ -14,7 +14,6 @@ import pandas as pd
 
 from bess.errors import InputError
 from bess.market.files import Repairs, fail, first_line
-from bess.units import SECONDS_PER_MINUTE
 
 YEARS: Final = (1980, 2200)
 """Other years are numbers taken for times."""
@@ -139,12 +138,6 @@ def to_utc(
         rows = _interleaved(rows, times, clock)
     _check_order(rows)
     return rows
-
-
-def offset_label(seconds: float) -> str:
-    """Return an offset from UTC as text, such as ``+01:00``."""
-    minutes = round(seconds / SECONDS_PER_MINUTE)
-    return f"{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}"
 
 
 def ends_day(utc: pd.Series, clock: tzinfo) -> bool:

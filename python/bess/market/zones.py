@@ -7,7 +7,8 @@ from typing import Final, NoReturn
 
 import pandas as pd
 
-from bess.market.files import fail, listed
+from bess.errors import listed
+from bess.market.files import fail
 
 DAY_AHEAD: Final = "day_ahead"
 

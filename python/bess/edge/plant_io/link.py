@@ -14,8 +14,7 @@ import numpy as np
 from bess.arrays import Array, Flags
 from bess.edge.plant_io import calls
 from bess.edge.plant_io.calls import Calls
-from bess.errors import BessError, InputError
-from bess.market.files import listed
+from bess.errors import BessError, InputError, listed
 
 REFRESH_S: Final = 20.0
 """A third of the time in which set-points expire, so that two consecutive writes may be lost."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.display import as_table, one_line
-from bess.errors import InputError
+from bess.errors import InputError, listed
 from bess.optional_dependencies import extra
 from bess.simulation.record.dataset import dataset_of
 from bess.simulation.record.files import check_file
@@ -107,9 +107,9 @@ def open_result(directory: str | Path) -> xr.Dataset:
         return open_netcdf(directory / RESULTS)
     identity = read_identity(directory)
     if identity is None:
-        names = list(scenario_directories(directory))
-        others = f"several runs; open one of {', '.join(names[:8])}{', ...' * (len(names) > 8)}"
-        held = f"holds {others if names else 'no run'}" if directory.is_dir() else "no such folder"
+        names = scenario_directories(directory)
+        others = f"several runs; open one of {listed(names)}" if names else "no run"
+        held = f"holds {others}" if directory.is_dir() else "no such folder"
         raise InputError(f"{directory}: {held}")
     saved = parts(directory)
     if not saved:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bess.arrays import Array
-from bess.errors import InputError
+from bess.errors import InputError, listed
 from bess.system.components.columns import Columns, columns_of, numbers
 from bess.system.components.knots import reduced_knots
 from bess.units import ZERO_CELSIUS_K
@@ -63,7 +63,7 @@ def read_ocv(
             curve = _soc(columns, soc_name), numbers(columns, name)
             curves[25.0 if kelvin is None else round(kelvin - ZERO_CELSIUS_K, 3)] = curve
         if not curves:
-            raise InputError(f"no column OCV; columns are {', '.join(list(columns)[:6])}")
+            raise InputError(f"no column OCV; columns are {listed(columns)}")
         temperatures = sorted(curves)
         soc, _ = curves[temperatures[0]]
         ocv = np.array([np.interp(soc, *curves[temperature]) for temperature in temperatures])

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bess.arrays import Array
-from bess.errors import InputError, placed
+from bess.errors import InputError, listed, placed
 from bess.files import read_file
 from bess.optional_dependencies import extra
 
@@ -78,5 +78,5 @@ def number(columns: Columns, name: str, row: int, *, gaps: bool = False) -> floa
 def numbers(columns: Columns, name: str, *, gaps: bool = False) -> Array:
     """Return a column as numbers; see :func:`number`."""
     if name not in columns:
-        raise InputError(f"no column {name}; columns are {', '.join(list(columns)[:6])}")
+        raise InputError(f"no column {name}; columns are {listed(columns)}")
     return np.array([number(columns, name, row, gaps=gaps) for row in range(len(columns[name]))])

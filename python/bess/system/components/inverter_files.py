@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bess.errors import InputError
+from bess.errors import InputError, listed
 from bess.system.components.columns import Columns, columns_of, number, numbers
 from bess.system.components.loss_table import Curve, LossTable, table_from_curves
 from bess.system.components.losses import Axis, PowerUnit, inverter_from_efficiency, inverter_from_sandia
@@ -86,7 +86,7 @@ def _row_of(columns: Columns, model: str | None) -> int:
     found = [name for name in names if name == model]
     found = found or [name for name in names if model is None or model in name]
     if len(set(found)) != 1:
-        some = ", ".join(map(repr, sorted(set(found or names))[:6]))
+        some = listed(sorted(set(found or names)))
         raise InputError(
             f"model {model!r} fits {len(set(found))} of {len(set(names))} inverters; choose one of {some}"
         )
@@ -132,9 +132,7 @@ def _from_plain(
     others = [name for name in columns if name not in efficiencies and "loss" not in words[name]]
     if not efficiencies:
         if len(columns) != 2:
-            raise InputError(
-                f"no inverter file of a known shape; columns are {', '.join(map(repr, list(columns)[:8]))}"
-            )
+            raise InputError(f"no inverter file of a known shape; columns are {listed(columns)}")
         others, discharging = list(columns)[:1], list(columns)[1:]
     rows = len(next(iter(columns.values())))
     power = numbers(columns, others[0]) if others else np.linspace(0.0, 1.0, rows)
