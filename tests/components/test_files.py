@@ -162,6 +162,7 @@ def test_lfp_tables_in_ohm_and_with_untidy_titles_are_read() -> None:
         ("SOC,OCV\n0,3.5\n0.5,3.4\n1,4.0\n", "OCV falls with SOC by 100.0 mV"),
         ("SOC,OCV\n0,3.0\n0,3.4\n", "SOC must ascend"),
         ("x,y\n0,3.0\n", "no column OCV"),
+        ("SOC,OCV,OCV\n0,3.0,3.1\n1,4.0,4.1\n", "two columns have the title 'OCV'; name them apart"),
         ("SOC,OCV\n0,3.0\n1,abc\n", "row 2 of column 'OCV' is 'abc'"),
     ],
 )

@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -44,12 +45,13 @@ def _text(raw: bytes) -> Columns:
     body = [row for row in body if any(cell.strip() for cell in row)]
     if not body:
         raise InputError("has a header and no rows")
-    columns = {}
-    for index, name in enumerate(header):
-        cells = [row[index].strip() if index < len(row) else "" for row in body]
-        columns[" ".join(name.split())] = (
-            [cell.replace(",", ".") for cell in cells] if separator != "," else cells
-        )
+    columns: Columns = {}
+    for title, *cells in zip_longest(header, *body, fillvalue=""):
+        name = " ".join(title.split())
+        if name and name in columns:
+            raise InputError(f"two columns have the title {name!r}; name them apart")
+        texts = [cell.strip() for cell in cells]
+        columns[name] = texts if separator == "," else [text.replace(",", ".") for text in texts]
     return columns
 
 
