@@ -109,7 +109,7 @@ class TimeGrid:
         return np.array(firsts)
 
     @property
-    def year_shares(self) -> NDArray[np.float64]:
+    def year_shares(self) -> Array:
         """Share of each year of operation that the grid covers: 1, but for the last."""
         years = self.years
         return np.asarray(np.diff(np.minimum(years, self.n_steps)) / np.diff(years))
