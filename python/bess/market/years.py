@@ -11,24 +11,22 @@ from bess.market.columns import Columns
 from bess.market.files import Repairs
 
 _NOMINAL_YEAR: Final = 2001
-_WHOLE_DAYS: Final = (365, 366)
+_DAYS: Final = 365
 
 
 def on_one_year(columns: Columns, repairs: Repairs) -> tuple[Columns, bool]:
     """Return the columns of a typical year with all months in one calendar year, and whether this applied."""
-    wall = pd.DatetimeIndex(columns.times["wall"])
-    years = wall.year.unique()
-    if columns.typical or not years.size > 1 or wall.normalize().unique().size not in _WHOLE_DAYS:
+    wall = columns.times["wall"]
+    n_years, n_days = wall.dt.year.nunique(), wall.dt.normalize().nunique()
+    if columns.typical or n_years == 1 or n_days != _DAYS:
         return columns, columns.typical
-    leap = wall.is_leap_year & (wall.month > 2)
-    day = wall - wall.to_period("Y").to_timestamp() - pd.to_timedelta(leap.astype(int), unit="D")
-    placed = pd.Timestamp(_NOMINAL_YEAR, 1, 1) + day
-    if not placed.is_monotonic_increasing or placed[-1].year != _NOMINAL_YEAR:
+    dates = pd.DataFrame({"year": _NOMINAL_YEAR, "month": wall.dt.month, "day": wall.dt.day})
+    placed = pd.to_datetime(dates, errors="coerce") + (wall - wall.dt.normalize())
+    if not placed.is_monotonic_increasing:
         return columns, False
-    lines = columns.times.index
-    text = f"laid the months of {years.size} years onto {_NOMINAL_YEAR}: a typical year"
-    repairs.add("typical-year", text, wall.size, lines[0])
-    return columns.at(pd.Series(placed, lines)), True
+    text = f"laid the months of {n_years} years onto {_NOMINAL_YEAR}: a typical year"
+    repairs.add("typical-year", text, wall.size, wall.index[0])
+    return columns.at(placed), True
 
 
 def over_years(series: pd.Series, first: datetime, last: datetime) -> pd.Series:
