@@ -93,6 +93,7 @@ def commands() -> Iterator[str]:
 
 def http(folder: Path) -> Iterator[str]:
     """Routes, the fields of their messages, and those of the answer to a demand."""
+    from bess.edge.serve.answer import Demand
     from bess.edge.serve.app import build_app
     from bess.edge.serve.messages import SplitMessage, measurements_of
     from bess.edge.serve.service import Service
@@ -102,7 +103,8 @@ def http(folder: Path) -> Iterator[str]:
     made = build_app(service).openapi()
     string = {"soc": 0.5, "temperature_c": 25.0}
     message = SplitMessage.model_validate({"demand_kw": 10.0, "strings": [string, string]})
-    answer = service.answer(measurements_of(message, service.controller.system), message.now_kw).document()
+    measured = measurements_of(message, service.controller.system)
+    answer = service.answer(measured, Demand.of(message.demand_kw)).document()
     health = service.health()
     service.close()
     for path, methods in made["paths"].items():
