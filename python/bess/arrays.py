@@ -98,12 +98,28 @@ def finite_array(name: str, values: ArrayLike) -> Array:
     return array
 
 
-def step_of_times(name: str, values: object) -> float | None:
-    """Return the step [h] of a pandas series with an index of times; None without times, or with only one."""
-    index = getattr(values, "index", None)
-    if index is None or not hasattr(index, "tz") or len(index) < 2:
+def step_of_times(name: str, values: Any, axis: int = -1) -> float | None:
+    """Return the step [h] of the times along an axis of pandas or xarray data; None for fewer than two times.
+
+    Numbers are no times. Other labels, such as times read as texts, are refused, as are times along another
+    axis.
+    """
+    labels = getattr(values, "axes", None)  # of pandas
+    if hasattr(values, "indexes") and hasattr(values, "dims"):  # of xarray
+        labels = [values.indexes.get(dim) for dim in values.dims]
+    if not isinstance(labels, list) or not labels:
         return None
-    hours = np.diff(index.as_unit("ns").asi8) / (1e9 * SECONDS_PER_HOUR)
+    index = labels.pop(axis)
+    if any(map(_are_times, labels)):
+        raise InputError(f"{name}: times are along the wrong axis; transpose it")
+    if not _are_times(index):
+        if index is None or index.dtype.kind in "iuf":
+            return None
+        raise InputError(f"{name}: labels such as {index[0]!r:.60} are no times; see pandas.to_datetime")
+    if len(index) < 2:
+        return None
+    times = index.to_timestamp() if hasattr(index, "to_timestamp") else index
+    hours = np.diff(times.as_unit("ns").asi8) / (1e9 * SECONDS_PER_HOUR)
     if not (hours[0] > 0.0 and np.all(hours == hours[0])):
         raise InputError(
             f"{name}: times are {hours.min():g} to {hours.max():g} h apart; give one value for each step, "
@@ -112,13 +128,36 @@ def step_of_times(name: str, values: object) -> float | None:
     return float(hours[0])
 
 
-def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, float], unit: str) -> Array:
+def _are_times(index: Any) -> bool:
+    """Whether an index of pandas holds times, time differences or periods."""
+    return index is not None and (index.dtype.kind in "mM" or hasattr(index, "to_timestamp"))
+
+
+def check_times(name: str, values: object, dt_h: float, axis: int = -1) -> None:
+    """Raise InputError unless the times along an axis of pandas or xarray data, if any, are a step apart."""
+    step_h = step_of_times(name, values, axis)
+    if step_h is not None and not np.isclose(step_h, dt_h):
+        raise InputError(f"{name}: times are {step_h:g} h apart, but a step (dt_h, step_s) lasts {dt_h:g} h")
+
+
+def step_hours(dt_h: ArrayLike) -> float:
+    """Return the length of a step [h], at most a day."""
+    hours = one_number("dt_h", dt_h)
+    if not 0.0 < hours <= 24.0:
+        raise InputError(f"dt_h {hours:g} h must be a number in (0, 24] h")
+    return hours
+
+
+def each_step(
+    name: str, values: ArrayLike, n_steps: int, dt_h: float, limits: tuple[float, float], unit: str
+) -> Array:
     """Return one finite value for each step within limits, from a scalar or one value for each step."""
     array = finite_array(name, values)
     if array.shape not in ((), (n_steps,)):
         raise InputError(
             f"{name} has shape {array.shape}; give one value, or one for each of {n_steps} steps"
         )
+    check_times(name, values, dt_h)
     low, high = limits
     if array.min() < low or array.max() > high:
         worst = array.ravel()[np.argmax(np.abs(array))]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bess import _core
-from bess.arrays import Array, finite_array, step_of_times
+from bess.arrays import Array, check_times, finite_array, step_hours
 from bess.control.objectives import Costs
 from bess.errors import InputError
 from bess.system import State, System
@@ -53,10 +53,8 @@ class SplitProblem:
                 f"demand_kw has shape {demand.shape}, but the split is for a horizon of {n_steps} steps; "
                 "give one value for each step, or build a PowerSplit with that horizon"
             )
-        step_h = step_of_times("demand_kw", demand_kw)
-        if step_h is not None and not np.isclose(step_h, dt_h):
-            raise InputError(f"demand_kw: times are {step_h:g} h apart, but a step (dt_h) lasts {dt_h:g} h")
-        limit = _limits(system, n_steps, limit_kw)
+        check_times("demand_kw", demand_kw, dt_h)
+        limit = _limits(system, n_steps, dt_h, limit_kw)
         max_kw = limit.sum(axis=0)
         served = np.minimum(np.maximum(demand, -max_kw), max_kw)
         # Demand below the minimum power of every inverter in service is treated as zero.
@@ -67,7 +65,7 @@ class SplitProblem:
             state=state,
             demand_kw=served,
             unmet_kw=np.abs(demand - served),
-            ambient_c=surroundings_of_steps(system, ambient_c, n_steps),
+            ambient_c=surroundings_of_steps(system, ambient_c, n_steps, dt_h),
             limit_kw=limit,
             dt_h=dt_h,
         )
@@ -101,26 +99,23 @@ def demand_of_steps(demand_kw: ArrayLike) -> Array:
 
 def check_horizon(
     system: System, horizon_steps: int, dt_h: float, max_steps: int = MAX_HORIZON_STEPS
-) -> None:
-    """Check the plant and the prediction horizon of a split or a plan."""
+) -> tuple[int, float]:
+    """Return the prediction horizon of a split or a plan in steps, and the step [h], both checked."""
     if not isinstance(system, System):
         raise InputError(f"system must be a bess.System, not {type(system).__name__}")
     whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)
     if not whole or not 1 <= horizon_steps <= max_steps:
         raise InputError(f"horizon_steps {horizon_steps!r} must be an integer from 1 to {max_steps}")
-    number = isinstance(dt_h, int | float | np.integer | np.floating) and not isinstance(
-        dt_h, bool | np.timedelta64
-    )
-    if not number or not 0.0 < dt_h <= 24.0:
-        raise InputError(f"dt_h {dt_h!r} h must be a number in (0, 24] h")
+    dt_h = step_hours(dt_h)
     fastest = max(s.thermal.lumped.k2_per_s for s in system.strings) * dt_h * 3600.0
     if fastest >= 1.0:
         raise InputError(
             f"dt_h {dt_h:g} h is too long for the lumped thermal model: k2 dt is {fastest:g}, not below 1"
         )
+    return int(horizon_steps), dt_h
 
 
-def _limits(system: System, n_steps: int, limit_kw: ArrayLike | None) -> Array:
+def _limits(system: System, n_steps: int, dt_h: float, limit_kw: ArrayLike | None) -> Array:
     """Return the maximum requests ``(n_strings, n_steps)`` [kW], 0 if below the minimum power."""
     shape, nominal = (system.n_strings, n_steps), system.nominal_kw[:, None]
     if limit_kw is None:
@@ -130,6 +125,8 @@ def _limits(system: System, n_steps: int, limit_kw: ArrayLike | None) -> Array:
         raise InputError(
             f"limit_kw has shape {limit.shape}; give one value for each string (and step), {shape}"
         )
+    if limit.ndim > 1:
+        check_times("limit_kw", limit_kw, dt_h)
     limit = limit.reshape(system.n_strings, -1)
     bad = (limit < 0.0) | (limit > nominal * (1.0 + 1e-9))
     if bad.any():

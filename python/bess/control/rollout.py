@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
-from bess.arrays import ByValue, finite_array
+from bess.arrays import ByValue, check_times, finite_array, step_hours
 from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.system import State, System
@@ -128,9 +128,8 @@ def rollout(
             f"{system.n_strings} and at least one step, or a batch of them along leading axes"
         )
     _check_requests(system, request)
-    if finite_array("dt_h", dt_h).ndim or not 0.0 < dt_h <= 24.0:
-        raise InputError(f"dt_h = {dt_h!r} h must be one number in (0, 24]")
-
+    dt_h = step_hours(dt_h)
+    check_times("request_kw", request_kw, dt_h)
     if model not in get_args(Model):
         raise InputError(f'model = {model!r} must be one of "start" and "midpoint"')
 
@@ -139,7 +138,7 @@ def rollout(
         state.soc,
         state.temperature_c,
         request.reshape(-1, system.n_strings, n_steps),
-        surroundings_of_steps(system, ambient_c, n_steps),
+        surroundings_of_steps(system, ambient_c, n_steps, dt_h),
         dt_h,
         model == "midpoint",
     )

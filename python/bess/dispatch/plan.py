@@ -96,7 +96,7 @@ def plan_dispatch(
     dt_h = system.control.dt_h
     steps = steps_in(one_number("hours", hours), dt_h, "hours")
     values, days = _on_steps(prices, steps, dt_h, market_time_zone)
-    inputs = DispatchInputs(values, surroundings_of_steps(system, ambient_c, steps), days)
+    inputs = DispatchInputs(values, surroundings_of_steps(system, ambient_c, steps, dt_h), days)
     dispatch = DynamicProgramDispatch(system, dt_h, terms or SettlementTerms(), cycles_per_day=cycles_per_day)
     return dispatch.plan(inputs, state)
 

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
-from bess.arrays import Array, Flags, number_array
+from bess.arrays import Array, Flags, check_times, number_array
 from bess.display import as_table, few, one_line
 from bess.errors import BessError, InputError
 from bess.plant.flows import Flows, PlantSnapshot
 from bess.system import State, System
+from bess.units import SECONDS_PER_HOUR
 
 _HEALTH = (3, 4, 2)
 """Columns of ``PlantSnapshot.ageing``: factors of capacity and resistance, and loss by cycle ageing."""
@@ -169,6 +170,10 @@ class _Simulation:
         request = _numbers("request_kw", request_kw, (*self._lead, "n_steps", self._shape[-1]), "kW")
         reactive = self._reactive(reactive_kvar, request.shape)
         air_c = self._air_c(ambient_c, request.shape[-2])
+        dt_h = _number("control step", step_s, "s") / SECONDS_PER_HOUR
+        check_times("plant: request_kw", request_kw, dt_h, axis=-2)
+        check_times("plant: reactive_kvar", reactive_kvar, dt_h, axis=-2)
+        check_times("plant: ambient_c", ambient_c, dt_h)
         if not self._lead:
             return self._advance(request, reactive, air_c, step_s, nodes=nodes)
         # The core has the step first, then the scenario.

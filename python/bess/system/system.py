@@ -251,10 +251,10 @@ class System:
         )
 
 
-def surroundings_of_steps(system: System, ambient_c: ArrayLike | None, n_steps: int) -> Array:
+def surroundings_of_steps(system: System, ambient_c: ArrayLike | None, n_steps: int, dt_h: float) -> Array:
     """Return the temperature that strings cool towards in each step [degC]: as given, or the system's own."""
     around = system.reference_temperature_c if ambient_c is None else ambient_c
-    return each_step("ambient_c", around, n_steps, TEMPERATURE_RANGE_C, "degC")
+    return each_step("ambient_c", around, n_steps, dt_h, TEMPERATURE_RANGE_C, "degC")
 
 
 def load_system(path: str | Path) -> System:

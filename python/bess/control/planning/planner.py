@@ -189,19 +189,17 @@ class Planner(Checkpointed):
         proof_cells: int | None = PROOF_CELLS,
         first_step_weight: float = FIRST_STEP_WEIGHT,
     ) -> None:
-        check_horizon(system, horizon_steps, dt_h, MAX_STEPS)
+        self.horizon_steps, self.dt_h = check_horizon(system, horizon_steps, dt_h, MAX_STEPS)
         rollouts = rollouts_of(system.n_strings, rollouts)
         if rollouts < 0:
             raise InputError(f"rollouts = {rollouts}: must be >= 0")
         self.system = system
-        self.horizon_steps = int(horizon_steps)
-        self.dt_h = dt_h
         self.rollouts = int(rollouts)
         self._balance = balance
         self._price_passes = int(price_passes)
         self._proof_cells = proof_cells
         self._first_step_weight = first_step_weight
-        self._forecast_error = ForecastErrorTracker(system.nominal_kw, dt_h)
+        self._forecast_error = ForecastErrorTracker(system.nominal_kw, self.dt_h)
         self.plan_kw: Array | None = None
         self._groups: NDArray[np.int64] | None = None
         self._start_charge = 0.0

@@ -92,10 +92,10 @@ class PowerSplit(Checkpointed):
         time_limit_s: float | None = DEFAULTS.time_limit_s,
         node_limit: int | None = DEFAULTS.node_limit,
     ) -> None:
-        check_horizon(system, horizon_steps, dt_h)
+        self.horizon_steps, self.dt_h = check_horizon(system, horizon_steps, dt_h)
         if objectives is not None and not isinstance(objectives, Objectives):
             raise InputError(f"objectives must be bess.Objectives, not {type(objectives).__name__}")
-        self.system, self.horizon_steps, self.dt_h = system, int(horizon_steps), dt_h
+        self.system = system
         self.settings = SplitSettings(
             objectives=objectives if objectives is not None else DEFAULTS.objectives,
             gap=gap,
@@ -103,8 +103,8 @@ class PowerSplit(Checkpointed):
             time_limit_s=time_limit_s,
         )
         self.objectives = self.settings.objectives
-        self._constants = PlantConstants.of(system, dt_h)
-        self._scale_per_kw = constant_scale(system, horizon_steps, dt_h, self.objectives)
+        self._constants = PlantConstants.of(system, self.dt_h)
+        self._scale_per_kw = constant_scale(system, self.horizon_steps, self.dt_h, self.objectives)
         self._costs = self.objectives.costs(self._scale_per_kw)
         self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
         self._warm_start: WarmStart | None = None
