@@ -75,3 +75,27 @@ def test_a_snapshot_above_the_limit_of_a_run_is_refused() -> None:
     hot_c = np.full_like(plant.snapshot().node_temperature_c, 150.1)
     with pytest.raises(bess.InputError, match=r"node temperature 150.1 degC is outside \[-60, 150\]"):
         plant.restore(dataclasses.replace(plant.snapshot(), node_temperature_c=hot_c))
+
+
+@pytest.mark.parametrize("strings", [np.array([0]), [1, 0], [True] * 3, True, [[True], [True, False]]])
+def test_strings_to_renew_are_truth_values(strings: Any) -> None:
+    """``[1, 0]`` as integers, or the index of a string, renewed others or none."""
+    with pytest.raises(bess.InputError, match=r"strings must be .*truth values"):
+        bess.Plant(SYSTEM, START).renew(strings)
+
+
+def test_a_snapshot_of_another_shape_is_refused() -> None:
+    """Transposed node temperatures, which are as many, were taken, and 2 or NaN as an inverter that is on."""
+    plant = bess.Plant(SYSTEM, START)
+    before = plant.snapshot()
+    with pytest.raises(bess.InputError, match=r"node_temperature_c has shape \(40, 2\), needs \(2, 40\)"):
+        plant.restore(dataclasses.replace(before, node_temperature_c=before.node_temperature_c.T))
+    with pytest.raises(bess.InputError, match=r"inverter_on must be truth values of shape \(2,\)"):
+        plant.restore(dataclasses.replace(before, inverter_on=np.array([np.nan, 2.0])))  # type: ignore[arg-type]
+    plant.restore(before)
+
+
+@pytest.mark.parametrize("ambient_c", [298.0, np.nan])
+def test_the_ambient_temperature_of_a_plant_is_checked_at_once(ambient_c: float) -> None:
+    with pytest.raises(bess.InputError, match=r"ambient_c .* degC is outside \[-60, 150\] degC"):
+        bess.Plant(SYSTEM, START, ambient_c=ambient_c)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import bess
+from bess.control.policies import PolicyInput
+from bess.control.wear import WearPrices, WearRates
 
 STATE = bess.State(soc=[0.5, 0.4], temperature_c=[25.0, 30.0])
 WAYS: dict[str, Callable[[Any], Any]] = {
@@ -88,3 +90,34 @@ def test_a_copied_splitter_gives_the_same_answer_and_carries_the_plan_on(way: st
     np.testing.assert_array_equal(twin.warm_start, splitter.warm_start)
     assert twin(STATE, [60.0] * 4) == splitter(STATE, [60.0] * 4)
     assert twin.settings == splitter.settings
+
+
+def test_a_system_cannot_be_changed() -> None:
+    """Writing to its arrays changed later splits; an ambient temperature reached splits, but not runs."""
+    system = reference()
+    before = bess.split_power(system, STATE, [40.0] * 2)
+    for array in (system.nominal_kw, system.min_power_kw, system.capacity_ah, *system.soc_window):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+    with pytest.raises(bess.InputError, match="ambient_c cannot be set, a System is immutable"):
+        system.ambient_c = 40.0
+    system.document["inverter"]["nominal_kw"] = 10.0
+    assert bess.System(system.document) == system == copy.copy(system) == reference()
+    assert bess.split_power(system, STATE, [40.0] * 2) == before
+
+
+def test_a_warm_start_is_changed_by_assignment_only() -> None:
+    split = bess.PowerSplit(reference(), 2)
+    split(STATE, [40.0] * 2)
+    assert split.warm_start is not None
+    with pytest.raises(ValueError, match="read-only"):
+        split.warm_start[0] = 0.0
+
+
+def test_prices_of_wear_and_inputs_of_policies_compare() -> None:
+    """Comparing dataclasses of arrays was an error of NumPy."""
+    rates = WearRates(reference())
+    assert rates.at(STATE) == rates.at(STATE)
+    assert WearPrices.of(reference()) == WearPrices.of(reference()) != WearPrices.of(bess.System.reference(3))
+    inputs = PolicyInput(STATE, *np.ones((3, 2)))
+    assert inputs == PolicyInput(STATE, *np.ones((3, 2))) != PolicyInput(STATE, *np.zeros((3, 2)))

@@ -116,8 +116,9 @@ def test_each_string_has_its_own_model_price_and_temperature() -> None:
 
 def test_points_that_fit_no_string_are_refused() -> None:
     now = wear.marginal(bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0]))
-    with pytest.raises(bess.InputError, match="must broadcast against"):
-        now.cycling_eur_kwh(np.ones((3, 2)), 25.0)
+    for depth in (np.ones((3, 2)), np.ones((2, 2, 2))):
+        with pytest.raises(bess.InputError, match=r"must broadcast against \(2 strings, points\), not depth"):
+            now.cycling_eur_kwh(depth, 25.0)
     with pytest.raises(bess.InputError, match="cyclic_loss has 1"):
         bess.State([0.5, 0.5], [25.0, 25.0], cyclic_loss=[0.1])
 

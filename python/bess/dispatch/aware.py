@@ -71,8 +71,8 @@ class DispatchPlan(ByValue):
     _repr_html_ = as_table
 
 
-@dataclass(frozen=True)
-class DispatchInputs:
+@dataclass(frozen=True, eq=False)
+class DispatchInputs(ByValue):
     """Inputs of a plan; arrays of shape ``(n_steps,)``.
 
     Attributes

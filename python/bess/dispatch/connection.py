@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from bess.arrays import Array
+from bess.arrays import Array, ByValue
 from bess.checkpoints import Checkpointed
 from bess.dispatch.forecast import Forecast
 from bess.dispatch.program import StoreProgram
@@ -18,8 +18,8 @@ QUARTER_S: Final = 900
 """Averaging time of the grid import under a peak tariff [s]."""
 
 
-@dataclass(frozen=True)
-class PeakTariff:
+@dataclass(frozen=True, eq=False)
+class PeakTariff(ByValue):
     """A price of the highest quarter-hour mean of the grid import in each calendar month.
 
     Attributes

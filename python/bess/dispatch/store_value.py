@@ -160,7 +160,7 @@ def store_value(
         program.at_most(cycles * capacity, (program.charge, one_way * dt_h))
     best = program.solve()
     return StoreValue(
-        net_eur=-best.cost * unit_eur,
+        net_eur=0.0 - best.cost * unit_eur,  # not -0.0
         power_kw=power_kw * (best.discharge - best.charge),
         stored_kwh=power_kw * best.stored,
         cycle_price_eur=0.0 if cycles is None else float(best.duals[-1]) * capacity * unit_eur,

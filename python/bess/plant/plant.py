@@ -16,6 +16,7 @@ from bess.display import as_table, few, one_line
 from bess.errors import BessError, InputError
 from bess.plant.flows import Flows, PlantSnapshot
 from bess.system import State, System
+from bess.system.state import TEMPERATURE_RANGE_C
 from bess.units import SECONDS_PER_HOUR
 
 _HEALTH = (3, 4, 2)
@@ -66,6 +67,18 @@ def _number(name: str, value: ArrayLike, unit: str) -> float:
     return float(_numbers(name, value, (), unit))
 
 
+def _truth_values(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Flags:
+    try:
+        flags = np.asarray(values)
+    except ValueError as error:  # lists of unequal length
+        raise InputError(f"plant: {name} must be an array of truth values ({error})") from error
+    if flags.dtype != np.bool_ or flags.shape != shape:
+        raise InputError(
+            f"plant: {name} must be truth values of shape {shape}, not {flags.dtype} of shape {flags.shape}"
+        )
+    return flags
+
+
 class _Simulation:
     """Common base of plant and ensemble; in an ensemble, the first axis of all arrays is the scenario."""
 
@@ -88,6 +101,11 @@ class _Simulation:
         self._lead, self._shape, self._scenarios = lead, (*lead, system.n_strings), len(states)
         ambient_c = system.ambient_c if ambient_c is None else ambient_c
         self._ambient_c = _number("ambient_c", ambient_c, "degC")
+        low_c, high_c = TEMPERATURE_RANGE_C
+        if not low_c <= self._ambient_c <= high_c:
+            raise InputError(
+                f"plant: ambient_c {self._ambient_c:g} degC is outside [{low_c:g}, {high_c:g}] degC"
+            )
         self._nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
         nodes = int(self._nodes.max())
         # Strings with fewer nodes than others are padded with NaN.
@@ -199,11 +217,19 @@ class _Simulation:
         """
         if not isinstance(snapshot, PlantSnapshot):
             raise InputError(f"plant: snapshot must be a PlantSnapshot, not {type(snapshot).__name__}")
-        arrays = vars(snapshot).copy()
-        flat: dict[str, Any] = {"inverter_on": np.ravel(arrays.pop("inverter_on")).astype(np.bool_)}
-        for name, values in arrays.items():
-            if values is not None or name not in ("cooling_stages", "coolant"):
-                flat[name] = number_array(f"plant: snapshot: {name}", values).ravel()
+        flat: dict[str, Any] = {}
+        own = vars(self.snapshot())
+        for name, values in vars(snapshot).items():
+            if values is None and name in ("cooling_stages", "coolant"):
+                continue
+            if name == "inverter_on":
+                array = _truth_values(f"snapshot: {name}", values, self._shape)
+            else:
+                array = number_array(f"plant: snapshot: {name}", values)
+            # The core checks the number of values; rows of ``ageing`` may be longer than those of this plant.
+            if own[name] is not None and array.shape[:-1] != own[name].shape[:-1]:
+                raise InputError(f"plant: snapshot: {name} has shape {array.shape}, needs {own[name].shape}")
+            flat[name] = array.ravel()
         with _input_errors():
             self.core.set_state(flat)
 
@@ -314,7 +340,8 @@ class Plant(_Simulation):
     Raises
     ------
     InputError
-        The state does not fit the system, or the plant step is unstable (the message gives the maximum).
+        The state does not fit the system, the ambient temperature is outside -60 to 150 degC, or the plant
+        step is unstable (the message gives the maximum).
 
     References
     ----------
@@ -410,7 +437,13 @@ class Plant(_Simulation):
         ----------
         strings : ndarray of bool, shape (n_strings,)
             The strings whose state of health becomes 1 and whose past cycles are forgotten.
+
+        Raises
+        ------
+        InputError
+            ``strings`` has another shape, or holds anything but truth values.
         """
+        strings = _truth_values("strings", strings, self._shape)
         state, old = self.state, self.snapshot()
         new = Plant(self.system, State(state.soc, state.temperature_c)).snapshot().ageing
         rows = np.zeros((new.shape[0], max(new.shape[1], old.ageing.shape[1])))

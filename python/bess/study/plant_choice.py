@@ -1,6 +1,5 @@
 """System and policy settings of a study, with its overrides in place."""
 
-import copy
 from collections.abc import Mapping
 from itertools import zip_longest
 from pathlib import Path
@@ -24,7 +23,7 @@ def build_system(
     if not isinstance(given, System | None):
         raise InputError(f"system must be a bess.System, not {type(given).__name__}; see bess.load_system")
     name = choice.file if given is None else given.name
-    document = _document(choice.file) if given is None else copy.deepcopy(given.document)
+    document = _document(choice.file) if given is None else given.document
     with placed("system.parameters"):
         parameters = plain(choice.parameters)
         check_layout(parameters)

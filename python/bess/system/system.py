@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Mapping
 from functools import cached_property
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bess import _core
-from bess.arrays import Array, each_step
+from bess.arrays import Array, each_step, read_only
 from bess.display import as_table
 from bess.errors import InputError, placed
 from bess.files import MissingFileError
@@ -27,15 +28,16 @@ from bess.system.state import TEMPERATURE_RANGE_C, State
 class System:
     """A plant of parallel strings, each with its own inverter.
 
-    Immutable. Build one with :meth:`reference` or :func:`bess.load_system`.
+    Immutable, with read-only arrays. Build one with :meth:`reference` or :func:`bess.load_system`, or from a
+    changed :attr:`document`.
 
     Attributes
     ----------
     name : str
         Source of the description.
     document : dict
-        The description as given: tables of numbers, texts and lists. ``System(system.document)`` is an equal
-        system.
+        A copy of the description as given: tables of numbers, texts and lists.
+        ``System(system.document)`` is an equal system.
     strings : tuple of StringParameters
         One entry for each string.
     control : Control
@@ -54,8 +56,8 @@ class System:
     def __init__(self, document: Mapping[str, Any], *, name: str = "system") -> None:
         self.name = name
         with placed(name):
-            self.document: dict[str, Any] = plain(document)
-            strings, plant = parse_system(self.document)
+            self._document: dict[str, Any] = plain(document)
+            strings, plant = parse_system(self._document)
             self.control, self.cooling = plant.control, plant.cooling
             self.strings: tuple[StringParameters, ...] = strings
             self.ambient_c: float = strings[0].site.ambient_c
@@ -68,7 +70,21 @@ class System:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.core = self._tables()
+        vars(self)["core"] = self._tables()
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse changes after construction: they would reach only some of the calls."""
+        if "lumped" in vars(self):  # the last attribute that the constructor sets
+            raise InputError(
+                f"system: {name} cannot be set, a System is immutable; build one from its changed document, "
+                "bess.System(document)"
+            )
+        super().__setattr__(name, value)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """A copy of the description as given."""
+        return copy.deepcopy(self._document)
 
     def __eq__(self, other: object) -> bool:
         """Whether strings, control and cooling are equal; names are not compared."""
@@ -140,29 +156,31 @@ class System:
     @cached_property
     def min_power_kw(self) -> Array:
         """Minimum AC power of each inverter that is on [kW], shape ``(n_strings,)``."""
-        return np.array([s.inverter.min_power_kw for s in self.strings])
+        return read_only(np.array([s.inverter.min_power_kw for s in self.strings]))
 
     @cached_property
     def nominal_kw(self) -> Array:
         """Nominal AC power of each inverter [kW], shape ``(n_strings,)``."""
-        return np.array([s.inverter.nominal_kw for s in self.strings])
+        return read_only(np.array([s.inverter.nominal_kw for s in self.strings]))
 
     @cached_property
     def soc_window(self) -> tuple[Array, Array]:
         """Lower and upper SOC limits, shape ``(n_strings,)`` each."""
         batteries = [string.battery for string in self.strings]
-        return np.array([each.soc_min for each in batteries]), np.array([each.soc_max for each in batteries])
+        low, high = [each.soc_min for each in batteries], [each.soc_max for each in batteries]
+        return read_only(np.array(low)), read_only(np.array(high))
 
     @cached_property
     def capacity_ah(self) -> Array:
         """Charge capacity of each string [Ah], shape ``(n_strings,)``."""
-        return np.array([s.battery.cell_capacity_ah * s.battery.cells_parallel for s in self.strings])
+        parallel = [s.battery.cell_capacity_ah * s.battery.cells_parallel for s in self.strings]
+        return read_only(np.array(parallel))
 
     @cached_property
     def nominal_energy_kwh(self) -> Array:
         """Capacity times the mean discharge OCV at 25 degC [kWh], shape ``(n_strings,)``."""
         mean_v = [s.battery.ocv_v.mean_v * s.battery.cells_series for s in self.strings]
-        return np.array(mean_v) * self.capacity_ah / 1000.0
+        return read_only(np.array(mean_v) * self.capacity_ah / 1000.0)
 
     @cached_property
     def kinds(self) -> tuple[int, ...]:

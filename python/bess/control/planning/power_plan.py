@@ -63,8 +63,8 @@ def plan_power(
     state : State
         Measured state of every string.
     demand_kw : array_like, shape (n_steps,)
-        Demand on the plant [kW], positive = discharge; 1 to 2,880 steps. Times of a pandas series must be
-        ``dt_h`` apart.
+        Demand on the plant [kW], positive = discharge; 1 to 2,880 steps. Times of pandas and xarray data
+        must be ``dt_h`` apart.
     objectives : Objectives, optional
         Of kind ``energy``, the default.
     dt_h : float

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bess.arrays import Array
+from bess.arrays import Array, ByValue
 from bess.control.objectives import Objectives
 from bess.errors import InputError
 from bess.system.terms import SettlementTerms
@@ -21,8 +21,8 @@ SOC_DEPENDENT_WEIGHT = 0.1
 or empty strings to limit the power; at 0.5, they waste energy to create headroom."""
 
 
-@dataclass(frozen=True)
-class PlanPrices:
+@dataclass(frozen=True, eq=False)
+class PlanPrices(ByValue):
     """Costs of the steps of a plan; the unit is kWh (kind ``energy``) or EUR (kind ``money``).
 
     Attributes

@@ -9,15 +9,15 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.arrays import read_only
+from bess.arrays import ByValue, read_only
 from bess.system import State
 
 NO_OPTIMISATION: Final = 0
 """Status code of a step without a solve: it leaves no choice, or the policy has no solver."""
 
 
-@dataclass(frozen=True)
-class PolicyInput:
+@dataclass(frozen=True, eq=False)
+class PolicyInput(ByValue):
     """Inputs of a policy at the start of a control step; its arrays are read-only.
 
     Attributes
@@ -76,8 +76,8 @@ class SolverReport:
     fallback: bool = False
 
 
-@dataclass(frozen=True)
-class Decision:
+@dataclass(frozen=True, eq=False)
+class Decision(ByValue):
     """Set-points of this step, signed [kW], shape ``(n_strings,)``; they sum to the demand.
 
     ``plan_kw``: set-points over the horizon, ``(n_strings, n_steps)``, this step first; None without a plan.

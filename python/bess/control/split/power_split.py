@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bess import _core
-from bess.arrays import Array, finite_array
+from bess.arrays import Array, finite_array, read_only
 from bess.checkpoints import Checkpointed
 from bess.control.objectives import Objectives
 from bess.control.problem import SplitProblem, check_horizon, demand_of_steps
@@ -60,9 +60,9 @@ class PowerSplit(Checkpointed):
     Attributes
     ----------
     warm_start : ndarray or None
-        Shifted requests of the last call, ``(n_strings, n_steps)`` [kW], from which the next call starts. A
-        call ignores them if its demand, limits or state differ from those of the last call's forecast.
-        :meth:`state_dict` and :meth:`load_state_dict` make a closed loop resumable to the last bit.
+        Shifted requests of the last call, ``(n_strings, n_steps)`` [kW], read-only, from which the next call
+        starts. A call ignores them if its demand, limits or state differ from those of the last call's
+        forecast. :meth:`state_dict` and :meth:`load_state_dict` make a closed loop resumable to the last bit.
 
     Raises
     ------
@@ -123,7 +123,7 @@ class PowerSplit(Checkpointed):
     @property
     def warm_start(self) -> Array | None:
         """Requests from which the next call starts, see the class."""
-        return None if self._warm_start is None else self._warm_start.request_kw
+        return None if self._warm_start is None else read_only(self._warm_start.request_kw)
 
     @warm_start.setter
     def warm_start(self, request_kw: ArrayLike | None) -> None:
@@ -151,7 +151,7 @@ class PowerSplit(Checkpointed):
             Measured state of every string.
         demand_kw : array_like, shape (n_steps,)
             Demand on the plant [kW], positive = discharge; demand above the limits is reported as unmet.
-            Times of a pandas series must be ``dt_h`` apart.
+            Times of pandas and xarray data must be ``dt_h`` apart.
         ambient_c : float or array_like, shape (n_steps,), optional
             Ambient temperature [degC]; the system's by default. For a system with cooling, the temperature
             that its strings cool towards (:meth:`~bess.System.surroundings_c`).

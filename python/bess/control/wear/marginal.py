@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bess import _core
-from bess.arrays import Array, finite_array
+from bess.arrays import Array, ByValue, finite_array
 from bess.control.wear.prices import WearPrices
 from bess.errors import InputError
 from bess.system import State, System
@@ -24,8 +24,8 @@ _RANGES: Final = {
 }
 
 
-@dataclass(frozen=True)
-class MarginalWear:
+@dataclass(frozen=True, eq=False)
+class MarginalWear(ByValue):
     """Marginal wear cost at one state of every string, to be used as constants over a step or a plan.
 
     The cell models are those of [1]_, [2]_, [3]_, [4]_ and [5]_; half cycles are counted as in [6]_.
@@ -127,10 +127,14 @@ class MarginalWear:
                 raise InputError(f"wear: {name} {outside[0]:g} is outside [{low:g}, {high:g}]")
         try:
             shape = np.broadcast(*points, np.empty((self.state.n_strings, 1))).shape
-        except ValueError as error:
+            strings, _points = shape
+        except ValueError:
+            strings = None
+        if strings != self.state.n_strings:
+            shapes = ", ".join(f"{name} {point.shape}" for name, point in zip(values, points, strict=True))
             raise InputError(
-                f"wear: values must broadcast against ({self.state.n_strings} strings, points): {error}"
-            ) from error
+                f"wear: values must broadcast against ({self.state.n_strings} strings, points), not {shapes}"
+            )
         if not self.prices.eur_per_loss.any():  # no string has a cell model
             return np.zeros(shape)
         points = [np.ascontiguousarray(np.broadcast_to(point, shape)) for point in points]

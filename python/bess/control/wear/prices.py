@@ -7,13 +7,13 @@ from typing import Self
 
 import numpy as np
 
-from bess.arrays import Array
+from bess.arrays import Array, ByValue
 from bess.system import System
 from bess.units import KWH_PER_MWH
 
 
-@dataclass(frozen=True)
-class WearPrices:
+@dataclass(frozen=True, eq=False)
+class WearPrices(ByValue):
     """Wear prices of every string, arrays of shape ``(n_strings,)``.
 
     Attributes

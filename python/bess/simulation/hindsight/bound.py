@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.arrays import Array
+from bess.arrays import Array, ByValue
 from bess.simulation.hindsight.cells import CHARGE, DISCHARGE
 from bess.simulation.hindsight.relaxed_string import (
     MAX_TEMPERATURE_K,
@@ -36,8 +36,8 @@ _ROUNDING = 1e-9
 """Margin for rounding errors of the plant, relative to the demanded energy."""
 
 
-@dataclass(frozen=True)
-class LossWeights:
+@dataclass(frozen=True, eq=False)
+class LossWeights(ByValue):
     """Cost of undelivered energy and losses in each step; see :meth:`energy`.
 
     Attributes
