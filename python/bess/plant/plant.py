@@ -222,10 +222,11 @@ class _Simulation:
         for name, values in vars(snapshot).items():
             if values is None and name in ("cooling_stages", "coolant"):
                 continue
-            if name == "inverter_on":
-                array = _truth_values(f"snapshot: {name}", values, self._shape)
-            else:
-                array = number_array(f"plant: snapshot: {name}", values)
+            array: NDArray[Any] = (
+                _truth_values(f"snapshot: {name}", values, self._shape)
+                if name == "inverter_on"
+                else number_array(f"plant: snapshot: {name}", values)
+            )
             # The core checks the number of values; rows of ``ageing`` may be longer than those of this plant.
             if own[name] is not None and array.shape[:-1] != own[name].shape[:-1]:
                 raise InputError(f"plant: snapshot: {name} has shape {array.shape}, needs {own[name].shape}")
@@ -430,12 +431,12 @@ class Plant(_Simulation):
         request_kw = array.pop("request_kw").reshape(shape)
         return request_kw, self._flows(array, shape)
 
-    def renew(self, strings: Flags) -> None:
+    def renew(self, strings: ArrayLike) -> None:
         """Replace the batteries of some strings by new ones, at their SOC and temperature.
 
         Parameters
         ----------
-        strings : ndarray of bool, shape (n_strings,)
+        strings : array_like of bool, shape (n_strings,)
             The strings whose state of health becomes 1 and whose past cycles are forgotten.
 
         Raises
@@ -443,12 +444,12 @@ class Plant(_Simulation):
         InputError
             ``strings`` has another shape, or holds anything but truth values.
         """
-        strings = _truth_values("strings", strings, self._shape)
+        chosen = _truth_values("strings", strings, self._shape)
         state, old = self.state, self.snapshot()
         new = Plant(self.system, State(state.soc, state.temperature_c)).snapshot().ageing
         rows = np.zeros((new.shape[0], max(new.shape[1], old.ageing.shape[1])))
-        for each, chosen in ((old.ageing, ~strings), (new, strings)):
-            rows[chosen, : each.shape[1]] = each[chosen]
+        for each, taken in ((old.ageing, ~chosen), (new, chosen)):
+            rows[taken, : each.shape[1]] = each[taken]
         self.restore(replace(old, ageing=rows))
 
 

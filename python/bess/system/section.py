@@ -2,6 +2,7 @@
 
 from typing import Any, ClassVar, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from bess.errors import InputError
@@ -18,6 +19,10 @@ class PublicSection(Section):
     """Section that is also a class of the Python interface; invalid arguments raise InputError."""
 
     def __init__(self, **values: Any) -> None:
+        # Integers of NumPy, which pydantic does not take as such.
+        values = {
+            name: int(value) if isinstance(value, np.integer) else value for name, value in values.items()
+        }
         try:
             super().__init__(**values)
         except ValidationError as error:

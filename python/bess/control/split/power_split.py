@@ -67,7 +67,7 @@ class PowerSplit(Checkpointed):
     Raises
     ------
     InputError
-        A setting outside its range.
+        A setting outside its range, or objectives of kind ``money``, which need plans and prices.
 
     References
     ----------
@@ -103,6 +103,10 @@ class PowerSplit(Checkpointed):
             time_limit_s=time_limit_s,
         )
         self.objectives = self.settings.objectives
+        if self.objectives.kind == "money":
+            raise InputError(
+                'objectives of kind "money" need plans and prices; use "energy" or "paper" for a split'
+            )
         self._constants = PlantConstants.of(system, self.dt_h)
         self._scale_per_kw = constant_scale(system, self.horizon_steps, self.dt_h, self.objectives)
         self._costs = self.objectives.costs(self._scale_per_kw)
