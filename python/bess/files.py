@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 import stat
 import tomllib
 from collections.abc import Callable
 from functools import partial
 from importlib import resources
 from io import BufferedIOBase
+from os import PathLike
 from pathlib import Path
 from typing import IO, Any, Final, Literal
 
@@ -39,6 +41,21 @@ def missing(path: str | Path) -> str:
     except OSError:
         close = []
     return f"did you mean {close[0]!r}?" if close else "check the path"
+
+
+def path_of(path: str | PathLike[str], kind: str = "file") -> Path:
+    """Return the path of a file or folder.
+
+    Raises
+    ------
+    InputError
+        The argument is neither a text nor a path, or is empty.
+    """
+    if not isinstance(path, str | PathLike) or isinstance(os.fspath(path), bytes):
+        raise InputError(f"a {kind} is named by a text or a path, not by {type(path).__name__}")
+    if not os.fspath(path):
+        raise InputError(f"a {kind} is named by an empty text; give its path")
+    return Path(path)
 
 
 class RepeatedKeyError(ValueError):
@@ -98,19 +115,20 @@ def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
     raise ValueError(f"is nested deeper than {_MAX_DEPTH} levels")
 
 
-def read_file(path: str | Path, largest: int = MAX_BYTES) -> bytes:
+def read_file(path: str | PathLike[str], largest: int = MAX_BYTES) -> bytes:
     """Return the content of a file."""
+    place = path_of(path)
     try:
-        kind = Path(path).stat().st_mode
+        kind = place.stat().st_mode
         if not stat.S_ISREG(kind):
             found = "folder" if stat.S_ISDIR(kind) else "pipe or a device"
             raise InputError(f"{path}: cannot be read (a {found}, not a file); give a file")
-        with Path(path).open("rb") as file:
-            return limited(file, path, largest)
+        with place.open("rb") as file:
+            return limited(file, place, largest)
     except InputError:
         raise
     except (FileNotFoundError, NotADirectoryError):
-        raise MissingFileError(f"{path}: no such file; {missing(path)}") from None
+        raise MissingFileError(f"{path}: no such file; {missing(place)}") from None
     except (OSError, ValueError) as error:  # a path with a NUL in it is a ValueError
         cause = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({cause}); check the path and its permissions") from None

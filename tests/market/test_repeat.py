@@ -1,12 +1,18 @@
 """Claims about series that go on after the end of their file."""
 
+from collections.abc import Callable
 from datetime import UTC, datetime
+from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pandas as pd
 import pytest
 
+import bess
 from bess.market import extended, over_years
+
+END = datetime(2024, 1, 9, tzinfo=UTC)
 
 
 def stamped(first: str, last: str) -> pd.Series:
@@ -53,3 +59,33 @@ def test_a_typical_year_with_a_29_february_keeps_it() -> None:
     series = stamped("2024-01-01", "2025-01-01")
     laid = over_years(series, datetime(2023, 1, 1, tzinfo=UTC), datetime(2029, 1, 1, tzinfo=UTC))
     np.testing.assert_array_equal(laid, stamped("2023-01-01", "2029-01-01 02:00"))
+
+
+@pytest.mark.parametrize(
+    ("change", "end", "message"),
+    [
+        (lambda series: series.tz_localize(None), END, "needs a pandas series with a time-zone aware index"),
+        (lambda series: series.to_numpy(), END, "needs a pandas series with a time-zone aware index"),
+        (lambda series: series[::-1], END, "times are -1 to -1 h apart"),
+        (lambda series: series.iloc[[0, 1, 5]], END, "times are 1 to 4 h apart"),
+        (lambda series: series[:1], END, "1 values are too few"),
+        (lambda series: series, END.replace(tzinfo=None), "must be a time with a zone"),
+        (lambda series: series, "2024-01-09", "must be a time with a zone"),
+    ],
+)
+def test_what_cannot_be_repeated_is_refused(change: Callable[[Any], Any], end: Any, message: str) -> None:
+    """A series in descending order was returned as it is; others were errors of pandas."""
+    series = change(stamped("2024-01-01", "2024-01-04"))
+    for repeat in (extended, lambda given, last: over_years(given, END, last)):
+        with pytest.raises(bess.InputError, match=message):
+            repeat(series, end)
+
+
+def test_the_end_may_be_in_another_time_zone() -> None:
+    series, berlin = stamped("2024-01-01", "2024-01-04"), ZoneInfo("Europe/Berlin")
+    pd.testing.assert_series_equal(extended(series, END.astimezone(berlin)), extended(series, END))
+
+
+def test_a_period_that_ends_before_it_begins_is_refused() -> None:
+    with pytest.raises(bess.InputError, match=r"the period ends at .*, before it begins at"):
+        over_years(stamped("2024-01-01", "2025-01-01"), END, END.replace(year=2023))

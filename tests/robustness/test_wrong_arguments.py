@@ -110,3 +110,60 @@ def test_a_plant_belongs_to_one_thread():
         while month.is_alive():
             plant.state  # noqa: B018
     month.join()
+
+
+def test_a_split_has_no_prices():
+    """Objectives in EUR were minimised in kWh."""
+    for function in (bess.split_power, lambda *given, **more: bess.PowerSplit(given[0], 1, **more)):
+        with pytest.raises(bess.InputError, match='objectives of kind "money" need plans and prices'):
+            function(SYSTEM, STATE, [50.0], objectives=bess.Objectives.money())
+
+
+def test_integers_of_numpy_are_whole_numbers():
+    """``node_limit = np.int64(3): must be a whole number``, said the message."""
+    three = bess.split_power(SYSTEM, STATE, [50.0], node_limit=np.int64(3))
+    assert three == bess.split_power(SYSTEM, STATE, [50.0], node_limit=3)
+    assert bess.Objective(priority=np.int64(2)) == bess.Objective(priority=2)
+
+
+@pytest.mark.parametrize("value", [None, 5, b"folder", ""])
+def test_folders_are_named_by_texts_or_paths(value):
+    """A result in place of its folder was a TypeError of pathlib; an empty text was the current folder."""
+    day = bess.load_study("case1", {"run.days": 0.125, "policy.name": "equal"})
+    calls = [bess.open_result, bess.write_report, lambda out: bess.run_sweep(day, out)]
+    if value is not None:
+        calls += [lambda out: bess.run(day, out=out), lambda out: bess.run_scenarios(day, out=out)]
+    for call in calls:
+        with pytest.raises(bess.InputError, match="a folder is named by"):
+            call(value)
+    with pytest.raises(bess.InputError, match="a file is named by"):
+        bess.read_inverter(value)
+
+
+@pytest.mark.parametrize("workers", [0, "2", 1.5])
+def test_workers_are_whole_numbers(tmp_path, workers):
+    with pytest.raises(bess.InputError, match=rf"workers = {workers!r}: must be a whole number, at least 1"):
+        bess.run_sweep("pareto", tmp_path / "sweep", workers=workers, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"max_error": -1.0}, "max_error -1 must be at least 0"),
+        ({"max_error": "a"}, "max_error must be .*texts"),
+        ({"max_error": float("nan")}, "max_error is nan"),
+        ({"off_loss": None}, "off_loss must be .*NoneType"),
+    ],
+)
+def test_tolerances_of_loss_tables(changed, message):
+    with pytest.raises(bess.InputError, match=message):
+        bess.inverter_from_loss([0.1, 0.5, 1.0], discharge=[0.01, 0.02, 0.04], nominal_kw=60.0, **changed)
+
+
+def test_a_transposed_record_has_the_same_figures():
+    """``dataset.transpose()`` was an error of NumPy, or another record if steps and strings are as many."""
+    for days in (0.125, 2 / 96):
+        result = bess.run(
+            bess.load_study("case1", {"run.days": days, "policy.name": "equal"}), progress=False
+        )
+        assert bess.kpis(result.dataset.transpose()) == bess.kpis(result.dataset)

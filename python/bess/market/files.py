@@ -3,7 +3,6 @@
 import gzip
 import io
 import logging
-import os
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -96,21 +95,10 @@ def reading(path: str | PathLike[str]) -> Iterator[tuple[bytes, Repairs]]:
 
     Errors raised inside the block are reported with the path of the file.
     """
-    name = _path_text(path)
-    raw, repairs = read_file(name), Repairs()
+    raw, repairs, name = read_file(path), Repairs(), str(path)
     with placed(name):
         yield _unpacked(raw), repairs
     repairs.report(name)
-
-
-def _path_text(path: str | PathLike[str]) -> str:
-    try:
-        name = os.fspath(path)
-    except TypeError:
-        raise InputError(f"a file is named by a text or a path, not by {type(path).__name__}") from None
-    if not name:
-        raise InputError("a file is named by an empty text; give its path")
-    return os.fsdecode(name) if isinstance(name, bytes) else name
 
 
 def _unpacked(raw: bytes) -> bytes:

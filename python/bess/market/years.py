@@ -7,6 +7,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from bess.arrays import step_of_times
+from bess.errors import InputError
 from bess.market.columns import Columns
 from bess.market.files import Repairs
 
@@ -45,11 +47,18 @@ def over_years(series: pd.Series, first: datetime, last: datetime) -> pd.Series:
     -------
     pandas.Series
         The same step, from the last step at or before `first` on.
+
+    Raises
+    ------
+    InputError
+        The series is not regular, or times have no zone.
     """
-    step = series.index[1] - series.index[0]
+    step, (begin, end) = _checked("over_years", series, first, last)
+    if begin > end:
+        raise InputError(f"over_years: the period ends at {last}, before it begins at {first}")
     year = series.index[len(series) // 2].year
-    start = series.index[0] + (pd.Timestamp(first) - series.index[0]) // step * step
-    index = pd.date_range(start, pd.Timestamp(last) + step, freq=step)
+    start = series.index[0] + (begin - series.index[0]) // step * step
+    index = pd.date_range(start, end + step, freq=step)
     place = (_years_before(index, index.year - year) - series.index[0]) // step
     return pd.Series(series.to_numpy()[place % len(series)], index=index, name=series.name)
 
@@ -73,12 +82,17 @@ def extended(series: pd.Series, end: datetime) -> pd.Series:
     -------
     pandas.Series
         The series with its extension at the same step; unchanged if it already reaches `end`.
+
+    Raises
+    ------
+    InputError
+        The series is not regular, or times have no zone.
     """
-    step = series.index[1] - series.index[0]
+    step, (until,) = _checked("extended", series, end)
     last = series.index[-1] + step
-    if last >= pd.Timestamp(end):
+    if last >= until:
         return series
-    year, index = pd.DateOffset(years=1), pd.date_range(last, end, freq=step, inclusive="left")
+    year, index = pd.DateOffset(years=1), pd.date_range(last, until, freq=step, inclusive="left")
     if last - year >= series.index[0]:
         begins = pd.DatetimeIndex([last + k * year for k in range(index[-1].year - last.year + 1)])
         place = series.index.get_indexer(_years_before(index, begins.searchsorted(index, side="right")))
@@ -90,6 +104,19 @@ def extended(series: pd.Series, end: datetime) -> pd.Series:
     longer: pd.Series = pd.concat([series, pd.Series(series.to_numpy()[place], index)]).rename(series.name)
     longer.index.name, longer.attrs = series.index.name, series.attrs
     return longer
+
+
+def _checked(place: str, series: pd.Series, *moments: datetime) -> tuple[pd.Timedelta, list[pd.Timestamp]]:
+    """Return the step of a regular series, and moments in its time zone."""
+    index = series.index if isinstance(series, pd.Series) else None
+    if not isinstance(index, pd.DatetimeIndex) or index.tz is None:
+        raise InputError(f"{place}: needs a pandas series with a time-zone aware index")
+    if step_of_times(place, series) is None:
+        raise InputError(f"{place}: {len(series)} values are too few; give at least two")
+    for moment in moments:
+        if not isinstance(moment, datetime) or moment.tzinfo is None:
+            raise InputError(f"{place}: {moment!r} must be a time with a zone, such as {index[0]!r}")
+    return index[1] - index[0], [pd.Timestamp(moment).tz_convert(index.tz) for moment in moments]
 
 
 def _years_before(index: pd.DatetimeIndex, years: ArrayLike) -> pd.DatetimeIndex:

@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bess.files import path_of
 from bess.optional_dependencies import extra
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def write_report(
     """
     with drawing_extra():
         from bess.report.page import Options, write_pages
-    return write_pages(Path(directory), Options(hindsight, rules, print_files))
+    return write_pages(path_of(directory, "folder"), Options(hindsight, rules, print_files))
 
 
 def __getattr__(name: str) -> object:

@@ -16,6 +16,7 @@ import numpy as np
 from bess.control.policies import Policy, as_policy, build_policy
 from bess.control.policies.adapters import Function
 from bess.errors import BessError, InputError, StoppedEarly
+from bess.files import path_of
 from bess.plant import Plant
 from bess.simulation.analysis.kpis import kpis
 from bess.simulation.closed_loop import ClosedLoop
@@ -94,7 +95,7 @@ def run(
         raise InputError("resume: name the folder of the run with out")
     loop = closed_loop(study, prepare(study, system), own)  # raises before a folder is created
     if out is not None:
-        return _run_in(Path(out), study, loop, progress=progress, resume=resume)
+        return _run_in(path_of(out, "folder"), study, loop, progress=progress, resume=resume)
     # Parts go to a scratch folder, so that one of them is in memory at a time.
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         folder, frame = Path(scratch), _frame(study, loop)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from bess.display import as_table, one_line
 from bess.errors import BessError, InputError, StoppedEarly, placed
+from bess.files import path_of
 from bess.optional_dependencies import extra
 from bess.simulation.progress import progress_bar
 from bess.simulation.record.files import folder_in, make_folder, write_bytes
@@ -150,8 +151,8 @@ def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client]:
         with client:
             yield client
         return
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers {workers}: needs at least 1")
+    if workers is not None and not (isinstance(workers, int) and workers >= 1):
+        raise InputError(f"workers = {workers!r}: must be a whole number, at least 1")
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise BessError(_UNGUARDED)
     try:
@@ -199,7 +200,7 @@ def run_scenarios(
         Results by run name, which is also the folder in ``out``. Finished runs are opened, not repeated.
     """
     study = as_study(study)
-    folder = None if out is None else Path(out)
+    folder = None if out is None else path_of(out, "folder")
     studies = expand(study) if folder is None else prepare_folder(folder, study)
     results: dict[str, Result] = {}
     for left in _rounds(study, studies, results):
@@ -331,7 +332,7 @@ def run_sweep(
         import distributed  # noqa: F401 - before a folder is made
         import pyarrow  # noqa: F401
     study = as_study(study)
-    directory = Path(out).absolute()
+    directory = path_of(out, "folder").absolute()
     studies = prepare_folder(directory, study)
     outcomes: dict[str, Outcome] = {}
     errors: set[str] = set()

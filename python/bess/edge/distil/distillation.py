@@ -18,6 +18,7 @@ from bess.control.policies.registry import RULES
 from bess.edge.distil.training import GENERATIONS, TrainingCase, TrainingSet, first_weights, fit
 from bess.edge.distil.translate import exports
 from bess.errors import InputError
+from bess.files import path_of
 from bess.simulation.progress import reporting
 from bess.simulation.record.files import REPEAT, folder_in, make_folder, write_bytes
 from bess.simulation.runner import run
@@ -193,7 +194,7 @@ def distil_runs(
     """
     study = as_study(study)
     runs = expand(study)
-    folder = Path(out)
+    folder = path_of(out, "folder")
     several = bool(study.scenario or study.sweep)
     folders = {name: folder_in(folder, name) if several else folder for name in runs}
     for inside in folders.values():

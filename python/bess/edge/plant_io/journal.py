@@ -33,6 +33,7 @@ from bess import __version__
 from bess.edge.plant_io.calls import Aside
 from bess.edge.plant_io.link import Measurements
 from bess.errors import InputError
+from bess.files import path_of
 from bess.simulation.record.files import put_bytes
 from bess.system import System
 
@@ -255,7 +256,7 @@ def open_journal(directory: str | Path) -> xr.Dataset:
     """
     import xarray as xr
 
-    directory = Path(directory)
+    directory = path_of(directory, "folder")
     header = _Header.of(directory)
     layout = header.layout()
     while True:

@@ -13,6 +13,7 @@ import numpy as np
 from bess.arrays import Array
 from bess.display import as_table, one_line
 from bess.errors import InputError, listed
+from bess.files import path_of
 from bess.optional_dependencies import extra
 from bess.simulation.record.dataset import dataset_of
 from bess.simulation.record.files import check_file
@@ -76,14 +77,14 @@ class Result:
 
 
 def record_of(result: Result | xr.Dataset, place: str) -> xr.Dataset:
-    """Return the record of a result, or the dataset given."""
+    """Return the record of a result, or the dataset given, with times along the first axis."""
     dataset: Any = getattr(result, "dataset", result)
     if "demand_kw" not in getattr(dataset, "data_vars", ()):
         raise InputError(
             f"{place} needs a result of bess.run or bess.open_result, or its dataset with demand_kw, not "
             f"{type(result).__name__}"
         )
-    return dataset  # type: ignore[no-any-return]
+    return dataset.transpose("time", "string", ..., missing_dims="ignore")  # type: ignore[no-any-return]
 
 
 def open_result(directory: str | Path) -> xr.Dataset:
@@ -102,7 +103,7 @@ def open_result(directory: str | Path) -> xr.Dataset:
     InputError
         The folder contains no run, no saved steps, or several scenarios.
     """
-    directory = Path(directory)
+    directory = path_of(directory, "folder")
     if (directory / RESULTS).exists():
         return open_netcdf(directory / RESULTS)
     identity = read_identity(directory)
@@ -121,7 +122,7 @@ def open_result(directory: str | Path) -> xr.Dataset:
 
 def scenario_directories(directory: str | Path) -> dict[str, Path]:
     """Return the folders of the runs in ``directory`` by name; a single run has the name of its study."""
-    directory = Path(directory)
+    directory = path_of(directory, "folder")
     if (identity := read_identity(directory)) is not None:
         return {identity["study"]["name"]: directory}
     return {path.parent.name: path.parent for path in sorted(directory.glob(f"*/{IDENTITY}"))}

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.arrays import Array
+from bess.arrays import Array, one_number
+from bess.errors import InputError
 
 
 def reduced_knots(x: Array, rows: Array, max_error: float) -> tuple[NDArray[np.intp], float]:
@@ -24,7 +25,14 @@ def reduced_knots(x: Array, rows: Array, max_error: float) -> tuple[NDArray[np.i
         Chosen points, ascending, with both ends.
     error : float
         Largest distance that is left.
+
+    Raises
+    ------
+    InputError
+        ``max_error`` is negative or no number.
     """
+    if not one_number("max_error", max_error) >= 0.0:
+        raise InputError(f"max_error {max_error:g} must be at least 0")
     kept = {0, len(x) - 1}
     error = 0.0
     segments = [(0, len(x) - 1)]

@@ -84,7 +84,7 @@ def table_from_curves(
     A direction without a curve gets the losses of the other at the same AC power.
     """
     check_nominal(nominal_kw)
-    if not 0.0 <= off_loss < 0.1:
+    if not 0.0 <= one_number("off_loss", off_loss) < 0.1:
         raise InputError(f"off_loss {off_loss:g} must be in [0, 0.1) of nominal power")
     if charge is None and discharge is None:
         raise InputError("inverter table: give values of charge, of discharge, or of both")
