@@ -40,6 +40,10 @@ class Counted:
         self.steps = state_dict["steps"]
 
 
+def _counted(**attributes: object) -> Counted:
+    return type("Own", (Counted,), attributes)()  # type: ignore[no-any-return]
+
+
 def test_a_function_is_a_policy_and_the_record_names_it(tmp_path: Path) -> None:
     study = bess.load_study("case1", SHORT)
     own = bess.run(study, policy=half_each, progress=False, out=tmp_path / "own")
@@ -159,6 +163,8 @@ def test_a_system_takes_the_place_of_that_of_the_study_and_its_initial_values_st
         ),
         (lambda inputs: [1.0, 2.0], r"requested \[1, 2\] kW for -78 kW"),
         (lambda inputs: [[1.0], [2.0]], "step 0"),
+        (_counted(statuses=None), "policy Own: statuses must be a table of texts by their code"),
+        (_counted(statuses={1: "solved"}), "policy 'Own', step 0: status 0 is none of {1: 'solved'}"),
     ],
 )
 def test_what_is_no_policy_is_refused_in_a_sentence(policy: object, message: str) -> None:

@@ -121,3 +121,14 @@ def test_prices_of_wear_and_inputs_of_policies_compare() -> None:
     assert WearPrices.of(reference()) == WearPrices.of(reference()) != WearPrices.of(bess.System.reference(3))
     inputs = PolicyInput(STATE, *np.ones((3, 2)))
     assert inputs == PolicyInput(STATE, *np.ones((3, 2))) != PolicyInput(STATE, *np.zeros((3, 2)))
+
+
+def test_settings_are_changed_by_building_new_ones() -> None:
+    """It was an error of pydantic of three lines, with an address."""
+    study = bess.load_study("case1")
+    for section, name in ((study, "title"), (study.run, "days"), (study.policy.objectives, "inverter")):
+        with pytest.raises(
+            bess.InputError, match=f"{name} cannot be set; build a new one, as study.with_values"
+        ):
+            setattr(section, name, 3.0)
+    assert study.with_values({"run.days": 3.0}).run.days == 3.0

@@ -324,6 +324,8 @@ class ClosedLoop:
                 f"{self._place}: returned set-points of shape {request_kw.shape}, needs "
                 f"{limit_kw.shape}, one for each string"
             )
+        if (status := decision.solver.status) not in self.policy.statuses:
+            raise BessError(f"{self._place}: status {status} is none of {dict(self.policy.statuses)}")
         self._check_requests(request_kw[None], policy_input.demand_kw[:1], limit_kw[None])
         return decision, self._without_small(request_kw[None], limit_kw[None], policy_input.state)[0]
 

@@ -63,7 +63,7 @@ def plain(value: object, place: str = "", depth: int = 0) -> Any:
         return [plain(item, f"{place}[{index}]", depth + 1) for index, item in enumerate(value)]
     if isinstance(value, str | int | float):
         return value
-    raise InputError(f"{place} = {value!r}: must be a number, a text, a list or a table")
+    raise InputError(f"{place or 'document'} = {value!r}: must be a number, a text, a list or a table")
 
 
 def deep_merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,12 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse every change."""
+        raise InputError(
+            f"{type(self).__name__}: {name} cannot be set; build a new one, as study.with_values does"
+        )
+
 
 class PublicSection(Section):
     """Section that is also a class of the Python interface; invalid arguments raise InputError."""

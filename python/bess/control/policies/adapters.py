@@ -60,4 +60,6 @@ def as_policy(policy: Policy | Function) -> tuple[str, Policy]:
         return name, FunctionPolicy(policy)
     if missing := sorted(set(_PROTOCOL) - set(present)):
         raise InputError(f"policy {name}: has {', '.join(present)}, but no {', '.join(missing)}")
+    if not isinstance(getattr(policy, "statuses"), Mapping):  # noqa: B009
+        raise InputError(f"policy {name}: statuses must be a table of texts by their code")
     return name, policy  # type: ignore[return-value]

@@ -147,8 +147,8 @@ def distil(
     study = as_study(study)
     if study.scenario or study.sweep:
         raise InputError(f"{study.name}: is a study of several runs; use bess.edge.distil.distil_runs")
-    if generations < 0:
-        raise InputError(f"generations = {generations}: must be >= 0")
+    if not isinstance(generations, int) or generations < 0:
+        raise InputError(f"generations = {generations!r}: must be a whole number, at least 0")
     refuse_reactive(
         "an explicit controller", "run the study with mpc or a rule", requested=study.reactive is not None
     )
