@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import bess
+from bess.control import wear
 
 SYSTEM = bess.System.reference(2)
 STATE = SYSTEM.initial_state()
@@ -57,6 +58,8 @@ def test_splits_plans_and_roll_outs():
             function(SYSTEM, STATE, [50.0], dt_h=np.timedelta64(15, "m"))
     with pytest.raises(bess.InputError, match=r"system must be a bess\.System, not str"):
         bess.rollout("reference", STATE, [[1.0], [1.0]])
+    with pytest.raises(bess.InputError, match=r"system must be a bess\.System, not NoneType"):
+        wear.marginal(None, STATE)
     with pytest.raises(bess.InputError, match=r"state must be a bess\.State"):
         bess.rollout(SYSTEM, None, [[1.0], [1.0]])
 

@@ -12,7 +12,7 @@ from bess.arrays import Array, check_times, finite_array, step_hours
 from bess.control.objectives import Costs
 from bess.errors import InputError
 from bess.system import State, System
-from bess.system.system import surroundings_of_steps
+from bess.system.system import check_system, surroundings_of_steps
 
 MAX_HORIZON_STEPS = 96
 
@@ -101,8 +101,7 @@ def check_horizon(
     system: System, horizon_steps: int, dt_h: float, max_steps: int = MAX_HORIZON_STEPS
 ) -> tuple[int, float]:
     """Return the prediction horizon of a split or a plan in steps, and the step [h], both checked."""
-    if not isinstance(system, System):
-        raise InputError(f"system must be a bess.System, not {type(system).__name__}")
+    check_system(system)
     whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)
     if not whole or not 1 <= horizon_steps <= max_steps:
         raise InputError(f"horizon_steps {horizon_steps!r} must be an integer from 1 to {max_steps}")

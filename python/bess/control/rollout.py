@@ -13,7 +13,7 @@ from bess.arrays import ByValue, check_times, finite_array, step_hours
 from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.system import State, System
-from bess.system.system import surroundings_of_steps
+from bess.system.system import check_system, surroundings_of_steps
 
 Model = Literal["start", "midpoint"]
 """Form of the control model: coefficients of the start or of the middle of each step."""
@@ -118,8 +118,7 @@ def rollout(
     .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
        for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
-    if not isinstance(system, System):
-        raise InputError(f"system must be a bess.System, not {type(system).__name__}")
+    check_system(system)
     system.check_state(state)
     request = finite_array("request_kw", request_kw)
     if request.ndim < 2 or request.shape[-2] != system.n_strings or request.shape[-1] == 0:

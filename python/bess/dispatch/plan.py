@@ -14,7 +14,7 @@ from bess.dispatch.forecast import steps_in
 from bess.dispatch.store_value import price_steps
 from bess.errors import InputError
 from bess.system import State, System
-from bess.system.system import surroundings_of_steps
+from bess.system.system import check_system, surroundings_of_steps
 from bess.system.terms import SettlementTerms
 
 if TYPE_CHECKING:
@@ -86,8 +86,7 @@ def plan_dispatch(
     >>> bool(plan.demand_kw[:24].sum() < 0 < plan.demand_kw[24:48].sum())
     True
     """
-    if not isinstance(system, System):
-        raise InputError(f"system must be a bess.System, not {type(system).__name__}")
+    check_system(system)
     if not isinstance(terms, SettlementTerms | None):
         raise InputError(f"terms must be bess.system.terms.SettlementTerms, not {type(terms).__name__}")
     system.check_state(state)

@@ -17,6 +17,7 @@ from bess.errors import BessError, InputError
 from bess.plant.flows import Flows, PlantSnapshot
 from bess.system import State, System
 from bess.system.state import TEMPERATURE_RANGE_C
+from bess.system.system import check_system
 from bess.units import SECONDS_PER_HOUR
 
 _HEALTH = (3, 4, 2)
@@ -91,8 +92,7 @@ class _Simulation:
         derating_law: str,
         ambient_c: float | None,
     ) -> None:
-        if not isinstance(system, System):
-            raise InputError(f"plant: system must be a bess.System, not {type(system).__name__}")
+        check_system(system)
         for state in states:
             system.check_state(state)
         if not isinstance(derating_law, str):

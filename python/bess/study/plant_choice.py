@@ -14,14 +14,15 @@ from bess.system import System
 from bess.system.components.registry import SYSTEMS, system_document
 from bess.system.documents import deep_merge, plain, read_toml
 from bess.system.parse import PER_STRING_SITE, check_layout, put_over, replaced, string_count
+from bess.system.system import check_system
 
 
 def build_system(
     choice: SystemSection, run: RunSection, wear: WearSection, given: System | None = None
 ) -> System:
     """Return the system of a study; ``given`` replaces the file of the study."""
-    if not isinstance(given, System | None):
-        raise InputError(f"system must be a bess.System, not {type(given).__name__}; see bess.load_system")
+    if given is not None:
+        check_system(given)
     name = choice.file if given is None else given.name
     document = _document(choice.file) if given is None else given.document
     with placed("system.parameters"):

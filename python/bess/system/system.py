@@ -269,6 +269,12 @@ class System:
         )
 
 
+def check_system(system: object) -> None:
+    """Raise :class:`InputError` unless the argument is a system."""
+    if not isinstance(system, System):
+        raise InputError(f"system must be a bess.System, not {type(system).__name__}; see bess.load_system")
+
+
 def surroundings_of_steps(system: System, ambient_c: ArrayLike | None, n_steps: int, dt_h: float) -> Array:
     """Return the temperature that strings cool towards in each step [degC]: as given, or the system's own."""
     around = system.reference_temperature_c if ambient_c is None else ambient_c

@@ -15,6 +15,7 @@ from bess.control.wear.prices import WearPrices
 from bess.errors import InputError
 from bess.system import State, System
 from bess.system.state import TEMPERATURE_RANGE_C
+from bess.system.system import check_system
 
 _RANGES: Final = {
     "depth": (0.0, 1.0),
@@ -163,7 +164,7 @@ def marginal(system: System, state: State) -> MarginalWear:
     Raises
     ------
     InputError
-        ``state`` does not fit the system.
+        ``system`` is none, or ``state`` does not fit it.
 
     Examples
     --------
@@ -186,6 +187,7 @@ class WearRates:
     """
 
     def __init__(self, system: System) -> None:
+        check_system(system)
         self._system = system
         self._prices = WearPrices.of(system)
         self._share = np.array([string.wear.calendar_share for string in system.strings])
