@@ -33,6 +33,8 @@ class ByValue:
 def _same(one: object, other: object) -> bool:
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
         return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
+    if isinstance(one, float) and isinstance(other, float) and np.isnan(one):
+        return bool(np.isnan(other))
     return type(one) is type(other) and one == other
 
 

@@ -341,3 +341,27 @@ def test_steps_that_are_passed_together_have_the_error_of_those_passed_one_by_on
         errors.append(planner.state_dict()["forecast_error"])
     np.testing.assert_equal(errors[0], errors[1])
     assert planner._forecast_error.relative_error > 0.0
+
+
+def test_writing_into_a_plan_does_not_change_the_next() -> None:
+    """A plan shared its set-points with the warm start of the planner."""
+    problem = case(3, 2, 8)
+    planners = [Planner(problem.system, 8, DT_H, rollouts=10, price_passes=0, proof_cells=None) for _ in "ab"]
+    plans = [problem.plan(planner) for planner in planners]
+    plans[0].request_kw[:] = 0.0
+    assert problem.plan(planners[0]) == problem.plan(planners[1])
+
+
+@pytest.mark.parametrize("reactive_kvar", [["a"] * 8, np.ones((2, 8)), [np.nan] * 8, [5.0] * 3])
+def test_reactive_power_of_a_plan_is_one_number_for_each_step(reactive_kvar: object) -> None:
+    system = bess.System.reference(2)
+    planner = Planner(system, 8, rollouts=10, price_passes=0, proof_cells=None)
+    prices = PlanPrices.energy(bess.Objectives.energy(), 2, 8)
+    with pytest.raises(bess.InputError, match="reactive_kvar"):
+        planner(system.initial_state(), [50.0] * 8, prices, reactive_kvar=reactive_kvar)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rollouts", ["5", 5.5, -1])
+def test_roll_outs_are_a_whole_number(rollouts: int) -> None:
+    with pytest.raises(bess.InputError, match=f"rollouts = {rollouts!r}: must be a whole number, at least 0"):
+        Planner(bess.System.reference(2), 8, rollouts=rollouts)

@@ -3,6 +3,7 @@
 import copy
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -132,3 +133,11 @@ def test_settings_are_changed_by_building_new_ones() -> None:
         ):
             setattr(section, name, 3.0)
     assert study.with_values({"run.days": 3.0}).run.days == 3.0
+
+
+def test_numbers_that_are_missing_are_equal() -> None:
+    """A plan without a bound was not equal to itself."""
+    plan = bess.Plan(np.ones((2, 2)), 1.0, 1.0, np.zeros(2), 0)
+    assert np.isnan(plan.bound)
+    assert plan == replace(plan, bound=float("nan")) != replace(plan, bound=0.0)
+    assert replace(plan, bound=0.0) != plan

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
-from bess.arrays import Array, ByValue, real_numbers
+from bess.arrays import Array, ByValue, each_step
 from bess.checkpoints import Checkpointed
 from bess.control.planning.forecast_error import ForecastErrorTracker
 from bess.control.planning.groups import MAX_BOUNDED_KINDS, groups_of, kinds_of
@@ -191,8 +191,8 @@ class Planner(Checkpointed):
     ) -> None:
         self.horizon_steps, self.dt_h = check_horizon(system, horizon_steps, dt_h, MAX_STEPS)
         rollouts = rollouts_of(system.n_strings, rollouts)
-        if rollouts < 0:
-            raise InputError(f"rollouts = {rollouts}: must be >= 0")
+        if not isinstance(rollouts, int | np.integer) or rollouts < 0:
+            raise InputError(f"rollouts = {rollouts!r}: must be a whole number, at least 0")
         self.system = system
         self.rollouts = int(rollouts)
         self._balance = balance
@@ -249,7 +249,9 @@ class Planner(Checkpointed):
         )
         limit = problem.limit_kw
         if reactive_kvar is not None:
-            values = real_numbers(reactive_kvar)
+            values = each_step(
+                "reactive_kvar", reactive_kvar, self.horizon_steps, self.dt_h, (-np.inf, np.inf), "kvar"
+            )
             reactive_kvar = values if values.any() else None
         changed = self._forecast_error.compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
         last_kw, previous = self.plan_kw, self._shifted_plan()
@@ -283,7 +285,7 @@ class Planner(Checkpointed):
             )
         except ValueError as error:
             raise InputError(f"plan: {error}") from error
-        self.plan_kw, self._groups = plan.request_kw, groups
+        self.plan_kw, self._groups = plan.request_kw.copy(), groups
         self._start_charge = plan.start_charge
         self._turn += 1
         proven, searched = (np.nan if each is None else each for each in (plan.bound, plan.search_bound))
