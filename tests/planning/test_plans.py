@@ -257,7 +257,7 @@ def plan_with(**given: object) -> Plan:
         ({"rollouts": -1}, "rollouts = -1"),
         ({"horizon_steps": 0}, "horizon_steps 0 must be"),
         ({"horizon_steps": 10_000}, "horizon_steps 10000 must be"),
-        ({"dt_h": np.nan}, "dt_h nan h must be"),
+        ({"dt_h": np.nan}, "dt_h is nan"),
         ({"dt_h": 24.0}, "too long for the lumped thermal model"),
     ],
 )
