@@ -173,7 +173,7 @@ def test_a_script_that_its_workers_would_run_again_is_told_what_to_write(tmp_pat
     ("kwargs", "error", "message"),
     [
         ({"workers": 2, "scheduler": "tcp://127.0.0.1:1"}, InputError, "either --workers or --scheduler"),
-        ({"workers": 0}, InputError, "--workers 0"),
+        ({"workers": 0}, InputError, "workers = 0"),
     ],
 )
 def test_bad_choices_of_workers_are_refused(
