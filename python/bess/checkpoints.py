@@ -7,6 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from bess.errors import InputError, listed
+
 
 class Checkpointed:
     """Base of objects whose attributes named in ``_carried`` are part of a checkpoint; by default none is.
@@ -32,6 +34,11 @@ class Checkpointed:
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore a state returned by :meth:`state_dict`."""
+        names = {name.lstrip("_") for name in self._carried}
+        if missing := sorted(names - state_dict.keys()):
+            raise InputError(
+                f"{type(self).__name__}: no {listed(missing)} in the state; give a result of state_dict"
+            )
         for name in self._carried:
             present, value = getattr(self, name), state_dict[name.lstrip("_")]
             if isinstance(present, Checkpointed):

@@ -413,3 +413,8 @@ def test_a_string_serves_from_the_first_of_its_augmentations_on(days: tuple[int,
     values = {"run.start": datetime(2024, 1, 1, tzinfo=UTC), "run.days": 4, "augmentation": tables}
     installations = prepare(bess.load_study("case1", values)).installations
     assert [bool(installations.in_service(step)[1]) for step in (95, 96, 192)] == [False, True, True]
+
+
+def test_a_study_of_invalid_arguments_is_refused_in_a_sentence() -> None:
+    with pytest.raises(bess.InputError, match=r"^Study: name: missing; demand: missing$"):
+        bess.Study()

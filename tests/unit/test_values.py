@@ -141,3 +141,10 @@ def test_numbers_that_are_missing_are_equal() -> None:
     assert np.isnan(plan.bound)
     assert plan == replace(plan, bound=float("nan")) != replace(plan, bound=0.0)
     assert replace(plan, bound=0.0) != plan
+
+
+def test_a_state_without_a_part_is_refused_by_name() -> None:
+    split = bess.PowerSplit(bess.System.reference(2), 4)
+    with pytest.raises(bess.InputError, match="PowerSplit: no warm_start in the state; give a result"):
+        split.load_state_dict({})
+    split.load_state_dict(split.state_dict())

@@ -34,7 +34,7 @@ from bess.study.sections import (
     WeatherSection,
 )
 from bess.system.documents import describe, read_toml
-from bess.system.section import Section
+from bess.system.section import PublicSection
 from bess.system.terms import SettlementTerms
 
 _FILES = (
@@ -49,7 +49,7 @@ _SOURCES = ("file", "frequency", "load", "pv", "prices")
 """Keys of a demand that are shown in its description."""
 
 
-class Study(Section):
+class Study(PublicSection):
     """A study file with all defaults filled in and all paths absolute. Immutable.
 
     Read one with :func:`bess.load_study`; change one with :meth:`with_values`.
