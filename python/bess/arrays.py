@@ -175,6 +175,13 @@ def one_number(name: str, value: ArrayLike) -> float:
     return float(array)
 
 
+def whole_number(name: str, value: object, least: int) -> int:
+    """Return a whole number, also one of NumPy, that is at least ``least``."""
+    if not isinstance(value, int | np.integer) or value < least:
+        raise InputError(f"{name} = {value!r}: must be a whole number, at least {least}")
+    return int(value)
+
+
 def require_positive(place: str, **values: tuple[float | None, str]) -> None:
     """Raise InputError unless all values are finite and positive; each has a unit; None is accepted."""
     for name, (value, unit) in values.items():

@@ -133,12 +133,13 @@ class CycleBudget(Checkpointed):
             dt_h=(dt_h, " h"),
         )
         self._cycles_per_day, self._fees_eur_mwh = daily_kwh / usable_kwh, fees_eur_mwh
-        self._wear_eur_mwh, self._size = wear_eur_mwh, size
+        self._wear_eur_mwh = wear_eur_mwh or (lambda state, limit_kw: 0.0)
+        self._size = size or (lambda state, limit_kw: (power_kw, usable_kwh))
         self._prices, self._year_steps = prices, np.diff(years)
         self._years = np.minimum(years, n_steps)
         self._cycles, self._throughput_kwh = cycles, throughput_kwh
         self._string_kwh, self._nominal_kwh = nominal_kwh, float(nominal_kwh.sum())
-        self._usable_kwh, self._power_kw = usable_kwh, power_kw
+        self._power_kw = power_kw
         self._efficiency, self._one_way = efficiency, float(np.sqrt(efficiency))
         self._look_ahead_steps, self._dt_h = look_ahead_steps, dt_h
         self._day_steps = max(1, round(HOURS_PER_DAY / dt_h))
@@ -225,9 +226,7 @@ class CycleBudget(Checkpointed):
 
         A plant that cannot trade keeps its price.
         """
-        power_kw, usable_kwh = self._power_kw, self._usable_kwh
-        if self._size is not None:
-            power_kw, usable_kwh = self._size(state, limit_kw)
+        power_kw, usable_kwh = self._size(state, limit_kw)
         if power_kw <= 0.0 or usable_kwh <= 0.0:
             return
         left_years = (self._years[self._year + 1] - step) / self._year_steps[self._year]
@@ -238,7 +237,6 @@ class CycleBudget(Checkpointed):
         price = self._prices.ahead(step, self._look_ahead_steps)
         cycles = due / usable_kwh * price.size / self._day_steps
         charge_fee, discharge_fee = self._fees_eur_mwh
-        wear_eur_mwh = 0.0 if self._wear_eur_mwh is None else self._wear_eur_mwh(state, limit_kw)
         value = store_value(
             price,
             usable_kwh,
@@ -246,7 +244,7 @@ class CycleBudget(Checkpointed):
             self._efficiency,
             cycles=cycles,
             dt_h=self._dt_h,
-            fees_eur_mwh=(charge_fee, discharge_fee + wear_eur_mwh),
+            fees_eur_mwh=(charge_fee, discharge_fee + self._wear_eur_mwh(state, limit_kw)),
         )
         value_eur = due * value.cycle_price_eur / usable_kwh
         self._value_eur = np.append(self._value_eur, value_eur)[-_MAX_DAYS:]

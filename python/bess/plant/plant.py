@@ -152,7 +152,7 @@ class _Simulation:
         request = _numbers("request_kw", request_kw, self._shape, "kW")
         reactive = self._reactive(reactive_kvar, request.shape)
         air_c = self._air_c(ambient_c, 1)
-        return self._advance(request, reactive, air_c, step_s, nodes=True)
+        return self._advance(request, reactive, air_c, _number("control step", step_s, "s"), nodes=True)
 
     def run(
         self,
@@ -188,7 +188,8 @@ class _Simulation:
         request = _numbers("request_kw", request_kw, (*self._lead, "n_steps", self._shape[-1]), "kW")
         reactive = self._reactive(reactive_kvar, request.shape)
         air_c = self._air_c(ambient_c, request.shape[-2])
-        dt_h = _number("control step", step_s, "s") / SECONDS_PER_HOUR
+        step_s = _number("control step", step_s, "s")
+        dt_h = step_s / SECONDS_PER_HOUR
         check_times("plant: request_kw", request_kw, dt_h, axis=-2)
         check_times("plant: reactive_kvar", reactive_kvar, dt_h, axis=-2)
         check_times("plant: ambient_c", ambient_c, dt_h)
@@ -268,7 +269,6 @@ class _Simulation:
         nodes: bool,
     ) -> Flows:
         """Call the core with requests, reactive power and air in its order: step, scenario, string."""
-        step_s = _number("control step", step_s, "s")
         reactive = None if reactive_kvar is None else reactive_kvar.ravel()
         with _input_errors():
             array = self.core.run(request_kw.ravel(), air_c.ravel(), step_s, nodes, reactive)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from bess.arrays import whole_number
 from bess.display import as_table, one_line
 from bess.errors import BessError, InputError, StoppedEarly, placed
 from bess.files import path_of
@@ -151,8 +152,8 @@ def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client]:
         with client:
             yield client
         return
-    if workers is not None and not (isinstance(workers, int) and workers >= 1):
-        raise InputError(f"workers = {workers!r}: must be a whole number, at least 1")
+    if workers is not None:
+        workers = whole_number("workers", workers, 1)
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise BessError(_UNGUARDED)
     try:

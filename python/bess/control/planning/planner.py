@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
-from bess.arrays import Array, ByValue, each_step
+from bess.arrays import Array, ByValue, each_step, whole_number
 from bess.checkpoints import Checkpointed
 from bess.control.planning.forecast_error import ForecastErrorTracker
 from bess.control.planning.groups import MAX_BOUNDED_KINDS, groups_of, kinds_of
@@ -190,11 +190,8 @@ class Planner(Checkpointed):
         first_step_weight: float = FIRST_STEP_WEIGHT,
     ) -> None:
         self.horizon_steps, self.dt_h = check_horizon(system, horizon_steps, dt_h, MAX_STEPS)
-        rollouts = rollouts_of(system.n_strings, rollouts)
-        if not isinstance(rollouts, int | np.integer) or rollouts < 0:
-            raise InputError(f"rollouts = {rollouts!r}: must be a whole number, at least 0")
         self.system = system
-        self.rollouts = int(rollouts)
+        self.rollouts = whole_number("rollouts", rollouts_of(system.n_strings, rollouts), 0)
         self._balance = balance
         self._price_passes = int(price_passes)
         self._proof_cells = proof_cells

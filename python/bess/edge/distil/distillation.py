@@ -9,7 +9,7 @@ from typing import Final
 
 import pandas as pd
 
-from bess.arrays import Array
+from bess.arrays import Array, whole_number
 from bess.control.explicit import ExplicitController, Tables
 from bess.control.objectives import SHORTFALL
 from bess.control.policies.distilled import DistilledPolicy
@@ -147,8 +147,7 @@ def distil(
     study = as_study(study)
     if study.scenario or study.sweep:
         raise InputError(f"{study.name}: is a study of several runs; use bess.edge.distil.distil_runs")
-    if not isinstance(generations, int) or generations < 0:
-        raise InputError(f"generations = {generations!r}: must be a whole number, at least 0")
+    generations = whole_number("generations", generations, 0)
     refuse_reactive(
         "an explicit controller", "run the study with mpc or a rule", requested=study.reactive is not None
     )
